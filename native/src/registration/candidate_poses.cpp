@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <utility>
 #include <vector>
 
 #include "pointmorph/cloud/cloud.hpp"
@@ -40,6 +42,11 @@ Similarity rotation_about(const Matrix3& rotation, const Vector3& from, const Ve
     return {1.0, rotation, to - rotation * from};
 }
 
+Similarity turn_about(const PrincipalFrame& frame, int axis, double angle) {
+    return rotation_about(Eigen::AngleAxisd(angle, frame.axes.col(axis)).toRotationMatrix(),
+                          frame.center, frame.center);
+}
+
 /// Root mean square distance of the features under a pose.
 double feature_distance(const MarkedPlaces& places, const Similarity& pose) {
     double sum = 0.0;
@@ -57,19 +64,19 @@ bool are_alike(const Similarity& a, const Similarity& b) {
            (a.translation - b.translation).norm() < kShifted;
 }
 
-/// Poses of a shape that lacks something on the whole one: what it has is brought close to the
-/// other's surface, and not the other way round.
-class PartOnWhole {
+/// Lays a shape onto another one rigidly, by what lies near: trimmed iterative closest points
+/// (Chetverikov et al., "The trimmed iterative closest point algorithm", 2002), in places and
+/// normals. What the other shape has besides counts for nothing.
+class TrimmedFit {
 public:
-    PartOnWhole(const CoarseShape& part, const CoarseShape& whole)
-        : whole_(whole.positions), keys_(keys(whole.positions, whole.normals)), tree_(keys_) {
-        const std::vector<Index>& rows = part.levels.front().node_rows;
-        places_ = gather(part.positions, rows);
-        normals_ = gather(part.normals, rows);
+    TrimmedFit(const CoarseShape& shape, const CoarseShape& onto)
+        : onto_(onto.positions), keys_(keys(onto.positions, onto.normals)), tree_(keys_) {
+        const std::vector<Index>& rows = shape.levels.front().node_rows;
+        places_ = gather(shape.positions, rows);
+        normals_ = gather(shape.normals, rows);
     }
 
-    /// The pose, which takes the part to the whole, brought home: rigidly, in rounds, by the
-    /// nearest points in places and normals, but for those that lie far off.
+    /// A pose of the shape, brought closer.
     Similarity settled(Similarity pose) const {
         constexpr int kRounds = 10;
         constexpr double kFar = 2.0;  // medians
@@ -90,10 +97,10 @@ public:
                 if (squared[i] <= far) near.push_back(to_index(i));
             std::vector<Index> partners;
             for (const Index i : near) partners.push_back(to[to_size(i)]);
-            const Positions from = gather(places_, near), onto = gather(whole_, partners);
-            const Matrix3 rotation = fit_similarity(from, onto).rotation;
+            const Positions from = gather(places_, near), there = gather(onto_, partners);
+            const Matrix3 rotation = fit_similarity(from, there).rotation;
             pose = rotation_about(rotation, from.colwise().mean().transpose(),
-                                  onto.colwise().mean().transpose());
+                                  there.colwise().mean().transpose());
         }
         return pose;
     }
@@ -106,7 +113,7 @@ private:
         result << positions, kNormalWeight * normals;
         return result;
     }
-    Positions whole_, places_;
+    Positions onto_, places_;
     Normals normals_;
     Keys keys_;
     KdTree<6> tree_;
@@ -156,8 +163,8 @@ std::vector<Similarity> candidate_poses(const CoarsePair& shapes, const PoseOpti
     poses.push_back(rotation_about(Matrix3::Identity(), t.center, s.center));
     const bool of_source = !shapes.source.ends.empty();
     if (of_source != !shapes.target.ends.empty()) {
-        const PartOnWhole part(of_source ? shapes.source : shapes.target,
-                               of_source ? shapes.target : shapes.source);
+        const TrimmedFit part(of_source ? shapes.source : shapes.target,
+                              of_source ? shapes.target : shapes.source);
         std::vector<Similarity> settled;
         for (const Similarity& pose : poses) {
             const Similarity its =
@@ -168,12 +175,7 @@ std::vector<Similarity> candidate_poses(const CoarsePair& shapes, const PoseOpti
         }
         poses.insert(poses.end(), settled.begin(), settled.end());
     }
-    double least = std::numeric_limits<double>::infinity();
-    for (const Similarity& pose : poses) least = std::min(least, feature_distance(places, pose));
-    std::erase_if(poses, [&](const Similarity& pose) {
-        return feature_distance(places, pose) > least + options.feature_distance;
-    });
-    return poses;
+    return agreeing_with_features(shapes, std::move(poses), options);
 }
 
 std::vector<Similarity> tilts(const CoarseShape& shape, double angle) {
@@ -181,10 +183,29 @@ std::vector<Similarity> tilts(const CoarseShape& shape, double angle) {
     std::vector<Similarity> result;
     for (int axis = 0; axis < 3; ++axis)
         for (const double signed_angle : {-angle, angle})
-            result.push_back(rotation_about(
-                Eigen::AngleAxisd(signed_angle, frame.axes.col(axis)).toRotationMatrix(),
-                frame.center, frame.center));
+            result.push_back(turn_about(frame, axis, signed_angle));
     return result;
+}
+
+std::vector<Similarity> half_turns(const CoarseShape& shape) {
+    const PrincipalFrame frame = principal_frame(shape);
+    const TrimmedFit onto_itself(shape, shape);
+    std::vector<Similarity> result;
+    for (int axis = 0; axis < 3; ++axis)
+        result.push_back(onto_itself.settled(turn_about(frame, axis, std::numbers::pi)));
+    return result;
+}
+
+std::vector<Similarity> agreeing_with_features(const CoarsePair& shapes,
+                                               std::vector<Similarity> poses,
+                                               const PoseOptions& options) {
+    const MarkedPlaces places = marked_places(shapes);
+    double least = std::numeric_limits<double>::infinity();
+    for (const Similarity& pose : poses) least = std::min(least, feature_distance(places, pose));
+    std::erase_if(poses, [&](const Similarity& pose) {
+        return feature_distance(places, pose) > least + options.feature_distance;
+    });
+    return poses;
 }
 
 }  // namespace pointmorph

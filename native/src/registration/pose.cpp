@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 #include <utility>
@@ -72,9 +73,65 @@ bool contends(const PoseSearch& search, const Trial& trial, const std::vector<Tr
     return trial.energy <= search.options.contender_factor * trials.front().energy;
 }
 
+/// Half turns that take a shape close to itself, but not onto itself.
+std::vector<Similarity> mistakable(const CoarseShape& shape, const SelfMotions& motions) {
+    std::vector<Similarity> turns = half_turns(shape);
+    std::erase_if(turns, [&](const Similarity& turn) { return motions.keep(turn); });
+    return turns;
+}
+
+/// What the poses of maps become by the half turns of the source, and of the target. None that has
+/// been tried or contradicts the features.
+std::vector<TrialStart> half_turned(const PoseSearch& search, const std::vector<Similarity>& poses,
+                                    const std::array<std::vector<Similarity>, 2>& half_turns,
+                                    const std::vector<TrialStart>& tried) {
+    constexpr double kNear = 0.17;  // radians
+    const CoarsePair thin{search.source.thin, search.target.thin, search.features};
+    const auto& [of_source, of_target] = half_turns;
+    std::vector<TrialStart> starts;
+    for (const Similarity& pose : poses) {
+        std::vector<Similarity> turned{pose};
+        for (const Similarity& turn : of_source) turned.push_back(composed(turn, pose));
+        for (const Similarity& turn : of_target) turned.push_back(composed(pose, turn));
+        for (const Similarity& its :
+             agreeing_with_features(thin, std::move(turned), search.options)) {
+            const auto is_near = [&](const TrialStart& start) {
+                const Matrix3 between = its.rotation * start.alignment.rotation.transpose();
+                return angle_axis(between).angle() < kNear;
+            };
+            if (std::ranges::none_of(tried, is_near) && std::ranges::none_of(starts, is_near))
+                starts.push_back({its, {}});
+        }
+    }
+    return starts;
+}
+
+/// Adds the maps from half a turn away that contend, and that nothing like has been found of. Where
+/// the principal axes of a person with raised arms lie askew, no other trial starts in front of it.
+void try_half_turns(const PoseSearch& search,
+                    const std::array<std::vector<Similarity>, 2>& half_turns,
+                    std::vector<TrialStart> tried, std::vector<Trial>& trials, Progress& progress) {
+    std::vector<Similarity> poses;
+    for (const PoseCluster& cluster :
+         pose_clusters(trials, search.options.contender_factor, search.options.other_clusters))
+        poses.push_back(implied_pose(search, *cluster.front()));
+    for (const Similarity& pose : poses) tried.push_back({pose, {}});
+    std::vector<Trial> turned;
+    try_starts(search, half_turned(search, poses, half_turns, tried), turned, progress);
+    std::erase_if(turned, [&](const Trial& trial) {
+        return !contends(search, trial, trials) ||
+               std::ranges::any_of(trials, [&](const Trial& other) {
+                   return contends(search, other, trials) &&
+                          difference(trial, other) <= kOtherCluster;
+               });
+    });
+    std::ranges::move(turned, std::back_inserter(trials));
+    std::ranges::stable_sort(trials, {}, &Trial::energy);
+}
+
 /// Maps from every candidate pose; then from where the best of them lie, and, of those that
-/// contend, tilted from there. What the shapes' own symmetries make of one that is tried isn't
-/// tried.
+/// contend, tilted from there and turned round. What the shapes' own symmetries make of one that is
+/// tried isn't tried.
 FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
     // A person whose arms are raised and lie along the sides on the other shape fits as badly at
     // first where head and front are right, but not from where that map lies.
@@ -90,7 +147,7 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
     in_part(progress, 0.0, 0.5,
             [&] { try_starts(search, starts, first.trials, progress, kWorthAnother); });
 
-    starts.clear();
+    const std::vector<TrialStart> candidates = std::exchange(starts, {});
     const double promising = options.effort.promising * first.trials.front().energy;
     for (const PoseCluster& cluster :
          pose_clusters(first.trials, kWorthAnother, options.other_clusters)) {
@@ -104,7 +161,13 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
                 !(source.keep(tilt) || target.keep(composed(pose.inverse(), composed(tilt, pose)))))
                 starts.push_back({composed(tilt, pose), {}});
     }
-    in_part(progress, 0.5, 1.0, [&] { try_starts(search, starts, first.trials, progress); });
+    in_part(progress, 0.5, 0.9, [&] { try_starts(search, starts, first.trials, progress); });
+    in_part(progress, 0.9, 1.0, [&] {
+        try_half_turns(
+            search,
+            {mistakable(search.source.thin, source), mistakable(search.target.thin, target)},
+            candidates, first.trials, progress);
+    });
     return first;
 }
 

@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <limits>
+#include <numbers>
 #include <vector>
 
+#include "base/angle.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "registration/coarse_urchin.hpp"
 #include "registration/eggs.hpp"
@@ -102,6 +104,40 @@ TEST(CandidatePoses, TiltsGoToEitherSideAboutEachAxisAndKeepTheMiddle) {
         EXPECT_LT((tilt.rotation * middle + tilt.translation - middle).norm(), 1e-9);
     }
     EXPECT_LT(apart(found[0].rotation * found[1].rotation, Matrix3::Identity()), 1e-9);
+}
+
+TEST(CandidatePoses, HalfTurnsFollowTheShapeWhereItsPrincipalAxesLieAskew) {
+    // Half a turn about z takes an ellipsoid onto itself, but not its spike, which draws the axes
+    // aside.
+    const shapes::Urchin urchin(6000, {{0.6, 0.1, 0.3}}, 2);
+    const Vector3 stretched(0.7, 0.4, 2.0);
+    Progress progress;
+    const Positions positions = urchin.positions * stretched.asDiagonal();
+    const Normals normals =
+        (urchin.normals * stretched.cwiseInverse().asDiagonal()).rowwise().normalized();
+    const CoarseShape shape = coarse_shape(KdTree<3>(positions), normals, {}, {}, progress);
+    const Matrix3 about_z = Vector3(-1, -1, 1).asDiagonal();
+    const auto nearest = [&](const std::vector<Similarity>& turns) {
+        double least = std::numeric_limits<double>::infinity();
+        for (const Similarity& turn : turns)
+            least = std::min(least, angle_axis(turn.rotation * about_z.transpose()).angle());
+        return least;
+    };
+    EXPECT_GT(nearest(tilts(shape, std::numbers::pi)), 0.3);
+    const auto turns = half_turns(shape);
+    ASSERT_EQ(turns.size(), 3u);
+    EXPECT_LT(nearest(turns), 0.12);
+}
+
+TEST(CandidatePoses, WhatAgreesWithTheFeaturesStays) {
+    const Eggs eggs;
+    const CoarsePair shapes{eggs.coarse_source, eggs.coarse_target, eggs.features};
+    const Similarity turned{1.0, Vector3(1, -1, -1).asDiagonal().toDenseMatrix(), Vector3::Zero()};
+    const auto kept = agreeing_with_features(shapes, {turned, {}, turned}, {});
+    ASSERT_EQ(kept.size(), 1u);
+    EXPECT_EQ(kept[0].rotation, Matrix3::Identity());
+    const CoarsePair plain{eggs.coarse_source, eggs.coarse_target, {}};
+    EXPECT_EQ(agreeing_with_features(plain, {turned, {}, turned}, {}).size(), 3u);
 }
 
 }  // namespace

@@ -19,4 +19,13 @@ std::vector<Similarity> candidate_poses(const CoarsePair& shapes, const PoseOpti
 /// Rotations by `angle` to either side about each of a shape's principal axes.
 std::vector<Similarity> tilts(const CoarseShape& shape, double angle);
 
+/// Half a turn about each of a shape's principal axes, brought to where it takes the shape closest
+/// to itself: a person's chest to its back, its head to its feet.
+std::vector<Similarity> half_turns(const CoarseShape& shape);
+
+/// Those of the poses that bring the features about as close together as the best of them does.
+std::vector<Similarity> agreeing_with_features(const CoarsePair& shapes,
+                                               std::vector<Similarity> poses,
+                                               const PoseOptions& options);
+
 }  // namespace pointmorph
