@@ -487,6 +487,15 @@ std::vector<Index> partners_of(const JudgedSurface& surface, const TwoWayMap& ma
     return gather(partner, surface.rows);
 }
 
+/// Where the nodes' counterparts are, and which nodes have none. `reverse`: images of the other
+/// cloud's nodes; `loose`: rows of pieces that have no counterpart.
+void find_counterparts(JudgedWay& way, const Positions& reverse, std::span<const Index> partners,
+                       std::span<const Index> loose) {
+    way.feet = feet_of(way.images, way.there, way.trees_there, partners);
+    way.alone = alone_nodes(way, loose);
+    way.unreached = unreached_nodes(way, reverse);
+}
+
 /// Where so much of a cloud lies beyond the ends of the other that this is a part of it: has what
 /// doesn't lie there have unit area.
 void count_without_beyond(JudgedSurface& here, const JudgedSurface& there, const Positions& images,
@@ -522,7 +531,9 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                          gather(map.target.positions, diagnostics.target_ends));
     count_without_beyond(target, source, map.target_images,
                          gather(map.source.positions, diagnostics.source_ends));
-    const NodeTrees of_source(source), of_target(target);
+    std::array<std::optional<NodeTrees>, 2> trees;
+    parallel_invoke(2, [&](int k, bool) { trees[to_size(k)].emplace(k == 0 ? source : target); });
+    const NodeTrees &of_source = *trees[0], &of_target = *trees[1];
     JudgedWay there{source,
                     target,
                     of_source,
@@ -545,22 +556,22 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                    {},
                    others.target_rows,
                    &OtherMaps::target};
-    there.feet = feet_of(there.images, target, of_target, partners_of(source, map, true));
-    back.feet = feet_of(back.images, source, of_source, partners_of(target, map, false));
-    for (JudgedWay* way : {&there, &back}) {
-        way->alone =
-            alone_nodes(*way, way == &there ? diagnostics.source_loose : diagnostics.target_loose);
-    }
-    there.unreached = unreached_nodes(there, back.images);
-    back.unreached = unreached_nodes(back, there.images);
+    std::array<NodeMeans, 2> means;
+    parallel_invoke(2, [&](int k, bool) {  // nodes are few
+        JudgedWay& way = k == 0 ? there : back;
+        find_counterparts(way, (k == 0 ? back : there).images, partners_of(way.here, map, k == 0),
+                          k == 0 ? diagnostics.source_loose : diagnostics.target_loose);
+        means[to_size(k)] = means_at_nodes(way);
+    });
     const WeighedMaps weighed_others = weighed(others, there, features);
-
-    const auto judged_nodes = [&](const JudgedWay& way, double first, double last) {
-        const Progress::Part part(progress, first, last);
-        return confidence_at_nodes(way, means_at_nodes(way), weighed_others, progress);
-    };
-    const Values on_source = judged_nodes(there, 0.6, 0.7),
-                 on_target = judged_nodes(back, 0.7, 0.8);
+    Values on_source, on_target;
+    {
+        const Progress::Part part(progress, 0.6, 0.8);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            (is_source ? on_source : on_target) = confidence_at_nodes(
+                is_source ? there : back, means[is_source ? 0 : 1], weighed_others, its);
+        });
+    }
     LocalConfidence result;
     std::vector<DoubtfulSpot> spots;
     const auto judge = [&](const JudgedWay& way, Values at_nodes, const Values& at_others,
