@@ -193,9 +193,47 @@ POINTMORPH_WIDE inline bool blend_units_wide(const float* base, const float* oth
     }
     return in_range == 0xff;
 }
+/// Writes rows of three floats, made as long as 1, of rows that have one more float after them; a
+/// multiple of eight. Whether all were longer than `least`.
+POINTMORPH_WIDE inline bool put_units_wide(const float* rows, float least, float* out,
+                                           std::size_t count) {
+    const __m256 one = _mm256_set1_ps(1.0F), shortest = _mm256_set1_ps(least);
+    int are_longer = 0xff;
+    for (std::size_t i = 0; i < count; i += 8, rows += 32, out += 24) {
+        // Row k in the lower half, row 4 + k in the upper one.
+        __m256 n[4];
+        for (std::size_t k = 0; k < 4; ++k)
+            n[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(rows + 4 * k)),
+                                        _mm_loadu_ps(rows + 4 * k + 16), 1);
+        const __m256 a = _mm256_unpacklo_ps(n[0], n[1]), b = _mm256_unpacklo_ps(n[2], n[3]);
+        const __m256 c = _mm256_unpackhi_ps(n[0], n[1]), d = _mm256_unpackhi_ps(n[2], n[3]);
+        const __m256 x = _mm256_shuffle_ps(a, b, 0x44), y = _mm256_shuffle_ps(a, b, 0xee),
+                     z = _mm256_shuffle_ps(c, d, 0x44);
+        const __m256 lengths = _mm256_sqrt_ps(_mm256_add_ps(
+            _mm256_add_ps(_mm256_mul_ps(x, x), _mm256_mul_ps(y, y)), _mm256_mul_ps(z, z)));
+        are_longer &= _mm256_movemask_ps(_mm256_cmp_ps(lengths, shortest, _CMP_GT_OQ));
+        const __m256 factors = _mm256_div_ps(one, lengths);
+        n[0] = _mm256_mul_ps(n[0], _mm256_permute_ps(factors, 0x00));
+        n[1] = _mm256_mul_ps(n[1], _mm256_permute_ps(factors, 0x55));
+        n[2] = _mm256_mul_ps(n[2], _mm256_permute_ps(factors, 0xaa));
+        n[3] = _mm256_mul_ps(n[3], _mm256_permute_ps(factors, 0xff));
+        // What each has after its three is written over by the next one.
+        for (std::size_t k = 0; k < 4; ++k)
+            _mm_storeu_ps(out + 3 * k, _mm256_castps256_ps128(n[k]));
+        for (std::size_t k = 0; k < 3; ++k)
+            _mm_storeu_ps(out + 12 + 3 * k, _mm256_extractf128_ps(n[k], 1));
+        const __m128 last = _mm256_extractf128_ps(n[3], 1);
+        _mm_storel_pi(reinterpret_cast<__m64*>(out + 21), last);
+        _mm_store_ss(out + 23, _mm_movehl_ps(last, last));
+    }
+    return are_longer == 0xff;
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
+    return false;
+}
+inline bool put_units_wide(const float*, float, float*, std::size_t) {
     return false;
 }
 inline bool blend_units_wide(const float*, const float*, float, const std::array<float, 2>&, float*,

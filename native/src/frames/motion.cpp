@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <type_traits>
 
 #include "base/angle.hpp"
 #include "base/compiler.hpp"
@@ -279,12 +280,16 @@ namespace {
 template <class Scalar>
 using NormalBlock = std::array<Scalar, 4 * to_size(kNormalizedAtOnce)>;
 
-/// Normalizes the first `count` into rows of three. One that cancels becomes what `otherwise` has
-/// for its number.
+/// Normalizes the first `count` into rows of three, floats eight at a time where registers are
+/// wide, with the same bits. One that cancels becomes what `otherwise` has for its number.
 template <class Scalar, class Otherwise>
 void put_normalized(const NormalBlock<Scalar>& normals, std::size_t count, Scalar* to,
                     Otherwise&& otherwise) {
     constexpr auto kCancelled = static_cast<Scalar>(1e-6);
+    if constexpr (std::is_same_v<Scalar, float>)
+        if (count % 8 == 0 && has_wide_registers() &&
+            put_units_wide(normals.data(), kCancelled, to, count))
+            return;
     alignas(16) std::array<Scalar, to_size(kNormalizedAtOnce)> lengths, factors;
     for (std::size_t i = 0; i < count; ++i) {
         const Scalar* const n = normals.data() + 4 * i;

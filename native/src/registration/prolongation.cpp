@@ -26,7 +26,7 @@ void take_roots(double* numbers, std::size_t count) {
 
 Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
                            const Normals& normals, Progress& progress)
-    : followed_(std::make_unique_for_overwrite<std::array<Index, kFollowed>[]>(
+    : followed_(std::make_unique_for_overwrite<std::array<std::uint32_t, kFollowed>[]>(
           to_size(positions.rows()))),
       weights_(std::make_unique_for_overwrite<std::array<float, kFollowed>[]>(
           to_size(positions.rows()))) {
@@ -58,7 +58,8 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
             auto& followed = followed_[to_size(i)];
             auto& shares = weights_[to_size(i)];
             for (std::size_t k = 0; k < kFollowed; ++k) {
-                followed[k] = near[k < found ? k : 0];
+                followed[k] = static_cast<std::uint32_t>(sizeof(CoarseMoves::Move)) *
+                              static_cast<std::uint32_t>(near[k < found ? k : 0]);
                 shares[k] = static_cast<float>(weights[k] / sum);
             }
         }
@@ -122,15 +123,19 @@ private:
     POINTMORPH_INLINE void move(std::size_t begin, std::size_t i) const {
         const auto& followed = prolongation.followed_[begin + i];
         const auto& weights = prolongation.weights_[begin + i];
-        std::array<Numbers, 4> columns{};
+        std::array<Numbers, 4> columns;
         double sum = 0.0;
+        const auto* const all = reinterpret_cast<const std::byte*>(moves.moves_.data());
         for (std::size_t k = 0; k < kFollowed; ++k) {
             const double weight = weights[k];
-            const double* const from = moves.moves_[to_size(followed[k])].columns.data();
+            const std::byte* const from = all + followed[k];
             for (std::size_t j = 0; j < columns.size(); ++j) {
                 Numbers column;
-                std::memcpy(&column, from + 4 * j, sizeof column);
-                columns[j] += weight * column;
+                std::memcpy(&column, from + j * sizeof(std::array<double, 4>), sizeof column);
+                if (k == 0)
+                    columns[j] = weight * column;
+                else
+                    columns[j] += weight * column;
             }
             sum += weight;
         }
@@ -178,11 +183,14 @@ struct Prolongation::OwnRows {
 struct Prolongation::RestRows {
     static constexpr auto kMost = to_size(kNormalizedAtOnce);
     using Column = std::array<double, kMost>;
+    struct Columns {
+        Column x{}, y{}, z{};
+    };
 
     const Rest& rest;
     OrientedPoint* points;
     const Similarity& after;
-    Column &x, &y, &z;  ///< normals that have yet to be normalized
+    Columns& turned;  ///< normals that have yet to be normalized
 
     POINTMORPH_INLINE std::array<double, 3> position(std::size_t row) const {
         const double *const at = rest.positions.data() + 3 * row, *const offset =
@@ -196,14 +204,15 @@ struct Prolongation::RestRows {
     }
     POINTMORPH_INLINE double* placed(std::size_t row) const { return points[row].position.data(); }
     POINTMORPH_INLINE void turn(std::size_t i, const auto& normal) const {
-        x[i] = normal[0];
-        y[i] = normal[1];
-        z[i] = normal[2];
+        turned.x[i] = normal[0];
+        turned.y[i] = normal[1];
+        turned.z[i] = normal[2];
     }
 
     /// Normalizes what was turned, in loops that the compiler vectorizes.
     POINTMORPH_INLINE void settle(std::size_t begin, std::size_t count, auto&& roots) const {
         const double least = kCancelled * after.scale;
+        const auto& [x, y, z] = turned;
         Column lengths;
         for (std::size_t i = 0; i < kMost; ++i)
             lengths[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
@@ -248,8 +257,8 @@ void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, Orient
 
 void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, const Rest& rest,
                         std::span<OrientedPoint> points, bool wide) const {
-    RestRows::Column x{}, y{}, z{};
-    const RestRows rows{rest, points.data(), moves.after_, x, y, z};
+    RestRows::Columns turned;
+    const RestRows rows{rest, points.data(), moves.after_, turned};
     for (Index first = begin; first < end; first += kNormalizedAtOnce)
         Blending<RestRows>{*this, moves, rows}.run(first, std::min(kNormalizedAtOnce, end - first),
                                                    wide);
@@ -275,7 +284,7 @@ Matrix3 Prolongation::linear(Index point, const DeformedCloud& coarse) const {
     double sum = 0.0;
     for (std::size_t k = 0; k < kFollowed; ++k) {
         const double weight = weights_[i][k];
-        result += weight * coarse.linear[to_size(followed_[i][k])];
+        result += weight * coarse.linear[followed_[i][k] / sizeof(CoarseMoves::Move)];
         sum += weight;
     }
     return result / sum;

@@ -68,6 +68,30 @@ std::array<double, 5> compared(const std::array<double, 6>& v) {
     return {less[0], less[1], more[0], more[1], static_cast<double>(below.count())};
 }
 
+TEST(Compiler, RowsOfFloatsAreMadeAsLongAsOneInWideRegistersAsOneByOne) {
+    if (!has_wide_registers()) GTEST_SKIP() << "no wide registers";
+    constexpr std::size_t kRows = 24;
+    std::mt19937 random(5);
+    std::uniform_real_distribution<float> number(-2.0F, 2.0F);
+    std::array<float, 4 * kRows> rows;
+    for (float& value : rows) value = number(random);
+    constexpr float kAfter = 7.0F;
+    std::array<float, 3 * kRows + 1> units;
+    units.back() = kAfter;
+    EXPECT_TRUE(put_units_wide(rows.data(), 1e-6F, units.data(), kRows));
+    for (std::size_t i = 0; i < kRows; ++i) {
+        const float* const row = rows.data() + 4 * i;
+        const float factor = 1.0F / std::sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]);
+        for (std::size_t d = 0; d < 3; ++d) EXPECT_EQ(units[3 * i + d], factor * row[d]);
+    }
+    EXPECT_EQ(units.back(), kAfter);  // nothing is written after the last
+    for (std::size_t i = 0; i < kRows; ++i) {
+        std::array<float, 4 * kRows> one_short = rows;
+        std::fill_n(one_short.begin() + static_cast<std::ptrdiff_t>(4 * i), 3, 0.0F);
+        EXPECT_FALSE(put_units_wide(one_short.data(), 1e-6F, units.data(), kRows)) << i;
+    }
+}
+
 TEST(Compiler, TwoNumbersAreComparedAlikeInARegister) {
     std::mt19937_64 random(6);
     std::uniform_int_distribution<int> digit(-3, 3);

@@ -285,6 +285,25 @@ TEST(Motion, FadesByTheFormulaInEitherPrecision) {
     }
 }
 
+TEST(Motion, FadedNormalsThatCancelAreThoseOfTheNearerEnd) {
+    constexpr Index kPairs = 40, kOpposed = 13;
+    Midway midway;
+    std::vector<IndexPair> pairs;
+    for (Index i = 0; i < kPairs; ++i) {
+        midway.source.push_back({{}, {0.0F, 0.6F, 0.8F, 0.0F}});
+        midway.target.push_back({{}, {0.0F, 0.0F, 1.0F, 0.0F}});
+        pairs.push_back({i, i});
+    }
+    midway.target[to_size(kOpposed)].normal = {0.0F, -0.6F, -0.8F, 0.0F};
+    std::vector<float> normals(to_size(3 * kPairs));
+    fade<float>(midway, pairs, 0.5, {}, normals);
+    for (Index i = 0; i < kPairs; ++i) {
+        Vector3 expected = Vector3(0.0, 0.6, 1.8).normalized();
+        if (i == kOpposed) expected = {0.0, -0.6, -0.8};  // at half time, the target's
+        for (Index d = 0; d < 3; ++d) EXPECT_NEAR(normals[to_size(3 * i + d)], expected[d], 1e-6);
+    }
+}
+
 TEST(Motion, SameBitsForAnyNumberOfThreads) {
     const Bar bar;
     const auto with = [&](int count) {

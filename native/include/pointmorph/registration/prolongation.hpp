@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -80,8 +81,9 @@ private:
     struct OwnRows;
     struct RestRows;
     static constexpr std::size_t kFollowed = 5;
-    std::unique_ptr<std::array<Index, kFollowed>[]> followed_;  ///< of each point
-    std::unique_ptr<std::array<float, kFollowed>[]> weights_;   ///< of sum 1
+    /// Of each point, where the moves begin that it follows, in bytes.
+    std::unique_ptr<std::array<std::uint32_t, kFollowed>[]> followed_;
+    std::unique_ptr<std::array<float, kFollowed>[]> weights_;  ///< of sum 1
 };
 
 }  // namespace pointmorph
