@@ -246,15 +246,15 @@ struct Side {
 };
 
 /// `vanishing`: components that got anchors, but for strays. `joined`: see ComponentGroups.
-GroupedPoints grouped(const Side& side, std::span<const IndexPair> matched,
+GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
                       const ComponentOptions& options, std::vector<Index>& vanishing,
                       std::vector<char>& joined, Progress& progress) {
     const ComponentView &here = side.here, &there = side.there;
     const auto rows = rows_of(here.topology);
     const auto main = to_index(here.topology.main().size());
-    std::vector<Index> groups = component_groups(here.topology, matched, side.row);
+    std::vector<Index> groups = component_groups(here.topology, matching.matched, side.row);
     const std::vector<Index> groups_there =
-        component_groups(there.topology, matched, side.other_row);
+        component_groups(there.topology, matching.matched, side.other_row);
     std::vector<Index> matched_rows, alone;
     for (std::size_t i = 0; i < here.topology.labels.size(); ++i)
         if (groups[to_size(here.topology.labels[i])] >= 0) matched_rows.push_back(to_index(i));
@@ -265,7 +265,10 @@ GroupedPoints grouped(const Side& side, std::span<const IndexPair> matched,
     for (const Index component : alone) {
         const Positions images = gather(here.images, rows[to_size(component)]);
         Index& group = groups[to_size(component)];
-        if (crowd.share(images) <= options.crowded)
+        const auto marked = std::ranges::find(matching.on_others, component, side.row);
+        if (marked != matching.on_others.end())
+            group = groups_there[to_size((*marked).*side.other_row)];
+        else if (crowd.share(images) <= options.crowded)
             group = group_beneath(rows_beneath(images, tree_there, progress), groups_there,
                                   there.topology);
         if (component >= main) continue;
@@ -291,20 +294,26 @@ GroupedPoints grouped(const Side& side, std::span<const IndexPair> matched,
     return points;
 }
 
-}  // namespace
+constexpr double kAlone = 0.75, kNever = 2.0;  // costs: of no counterpart, of one out of reach
 
-ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
-                                   std::span<const IndexPair> marks, const Similarity& alignment,
-                                   const ComponentOptions& options, Progress& progress) {
+/// What main components of both shapes cost as counterparts, and the ratios of their sizes.
+struct Differences {
+    Eigen::MatrixXd costs, size_ratios;  ///< ratios as shares of the largest, by logarithms
+    bool of_most = false;  ///< the first ones are most of both shapes, so that they belong together
+};
+
+Differences differences_of(const ComponentView& source, const ComponentView& target,
+                           const Similarity& alignment, const ComponentOptions& options,
+                           Progress& progress) {
     const auto s = wholes_of(source), t = wholes_of(target);
     const auto rows = static_cast<Eigen::Index>(s.size()),
                columns = static_cast<Eigen::Index>(t.size());
-    constexpr double kAlone = 0.75, kNever = 2.0, kMarked = -1.0;
     constexpr double kMostly = 0.5;  // where the map says it that clearly, nothing else counts
     const Eigen::MatrixXd agreed = (landing_shares(source, target, progress).array() *
                                     landing_shares(target, source, progress).transpose().array())
                                        .sqrt();
-    Eigen::MatrixXd costs(rows, columns);
+    Differences result{Eigen::MatrixXd(rows, columns), Eigen::MatrixXd(rows, columns)};
+    Eigen::MatrixXd& costs = result.costs;
     const double largest = std::log(options.size_ratio);
     for (Eigen::Index i = 0; i < rows; ++i)
         for (Eigen::Index j = 0; j < columns; ++j) {
@@ -316,6 +325,7 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
             const double ratio = std::abs(std::log(a.whole.size / size)) / largest;
             const double other = other_proportions(a.whole, b.whole) / largest;
             const bool may_be = agreed(i, j) >= kMostly || (distance < 1.0 && ratio < 1.0);
+            result.size_ratios(i, j) = ratio;
             costs(i, j) = may_be ? 0.5 * (1.0 - agreed(i, j) + std::min(1.0, distance) +
                                           std::min(1.0, ratio) + std::min(1.0, other))
                                  : kNever;
@@ -324,27 +334,67 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     const auto is_most = [](const ComponentView& view) {
         return 2 * to_size(view.topology.components.front().points) > view.topology.labels.size();
     };
-    if (is_most(source) && is_most(target)) {
+    result.of_most = is_most(source) && is_most(target);
+    if (result.of_most) {
         costs.row(0).setConstant(kNever);
         costs.col(0).setConstant(kNever);
         costs(0, 0) = 0.0;
     }
-    for (const IndexPair& mark : marks) {
-        const auto i = source.topology.labels[to_size(mark.source)],
-                   j = target.topology.labels[to_size(mark.target)];
-        if (i < rows && j < columns) costs(i, j) = std::min(costs(i, j), 0.0) + kMarked;
+    return result;
+}
+
+/// Whether two components that a mark joins are counterparts. A shoe that is marked on a figure of
+/// one piece isn't that figure's: it is on it.
+bool are_counterparts(const Differences& differences, const IndexPair& joined) {
+    const auto [i, j] = joined;
+    if (differences.of_most && (i == 0) != (j == 0)) return false;
+    if (differences.size_ratios(i, j) < 1.0) return true;
+    return !((differences.costs.row(i).array() < kAlone).any() ||
+             (differences.costs.col(j).array() < kAlone).any());
+}
+
+/// The costs where marks decide: of counterparts that they join, those that most do, then those
+/// that cost least.
+Eigen::MatrixXd with_marks(const Differences& differences, std::span<const IndexPair> joined) {
+    constexpr double kMark = 1.0, kOfCost = 0.1;
+    Eigen::MatrixXd costs = differences.costs;
+    for (const IndexPair& pair : joined) {
+        if (!are_counterparts(differences, pair)) continue;
+        double& cost = costs(pair.source, pair.target);
+        if (cost >= 0.0) cost *= kOfCost;
+        cost -= kMark;
     }
+    return costs;
+}
+
+}  // namespace
+
+ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
+                                   std::span<const IndexPair> marks, const Similarity& alignment,
+                                   const ComponentOptions& options, Progress& progress) {
+    const Differences differences = differences_of(source, target, alignment, options, progress);
+    std::vector<IndexPair> joined;
+    for (const IndexPair& mark : marks)
+        joined.push_back({source.topology.labels[to_size(mark.source)],
+                          target.topology.labels[to_size(mark.target)]});
+    std::erase_if(joined, [&](const IndexPair& pair) {  // strays
+        return pair.source >= differences.costs.rows() || pair.target >= differences.costs.cols();
+    });
     ComponentMatching matching;
-    matching.matched = cheapest_pairs(costs, kAlone);
-    const auto alone = [&](std::size_t count, Index IndexPair::*side) {
+    matching.matched = cheapest_pairs(with_marks(differences, joined), kAlone);
+    const auto alone = [&](Eigen::Index count, Index IndexPair::*side) {
         std::vector<Index> result;
         for (Index i = 0; i < to_index(count); ++i)
             if (std::ranges::find(matching.matched, i, side) == matching.matched.end())
                 result.push_back(i);
         return result;
     };
-    matching.source_alone = alone(s.size(), &IndexPair::source);
-    matching.target_alone = alone(t.size(), &IndexPair::target);
+    matching.source_alone = alone(differences.costs.rows(), &IndexPair::source);
+    matching.target_alone = alone(differences.costs.cols(), &IndexPair::target);
+    for (const IndexPair& pair : joined)
+        if (std::ranges::binary_search(matching.source_alone, pair.source) !=
+            std::ranges::binary_search(matching.target_alone, pair.target))
+            matching.on_others.push_back(pair);
     // Components are numbered by size, but not alike on both sides.
     std::ranges::stable_sort(matching.matched, std::greater<>(), [&](const IndexPair& pair) {
         return source.topology.components[to_size(pair.source)].points +
@@ -368,12 +418,10 @@ ComponentGroups group_components(const ComponentView& source, const ComponentVie
     groups.count = to_index(matching.matched.size());
     if (groups.count == 0) return groups;
     groups.joined.assign(to_size(groups.count), 0);
-    groups.source =
-        grouped({source, target, &IndexPair::source, &IndexPair::target}, matching.matched, options,
-                groups.source_vanishing, groups.joined, progress);
-    groups.target =
-        grouped({target, source, &IndexPair::target, &IndexPair::source}, matching.matched, options,
-                groups.target_appearing, groups.joined, progress);
+    groups.source = grouped({source, target, &IndexPair::source, &IndexPair::target}, matching,
+                            options, groups.source_vanishing, groups.joined, progress);
+    groups.target = grouped({target, source, &IndexPair::target, &IndexPair::source}, matching,
+                            options, groups.target_appearing, groups.joined, progress);
     return groups;
 }
 

@@ -111,6 +111,47 @@ TEST(Components, OfOtherSizesAreJoinedByOneMark) {
               (std::vector<IndexPair>{{0, 0}, {1, 1}}));
 }
 
+/// The one component is matched with the figure's, and the foot belongs to it.
+void expect_foot_on_figure(const ComponentView& loose, const ComponentView& figure,
+                           std::span<const IndexPair> marks, std::vector<IndexPair> matched,
+                           Index foot) {
+    Progress progress;
+    const ComponentMatching m = match_components(loose, figure, marks, {}, {}, progress);
+    EXPECT_EQ(m.matched, matched);
+    EXPECT_EQ(m.source_alone, std::vector<Index>{foot});
+    const ComponentGroups groups = group_components(loose, figure, m, {}, progress);
+    EXPECT_TRUE(groups.source_vanishing.empty());
+    const Index row =
+        to_index(std::ranges::find(loose.topology.labels, foot) - loose.topology.labels.begin());
+    const Index group = groups.target.groups[to_size(marks[0].target)];
+    EXPECT_EQ(groups.source.groups[to_size(row)], group);
+    EXPECT_EQ(groups.source.anchors[to_size(row)], -1);
+    EXPECT_TRUE(groups.joined[to_size(group)]);
+}
+
+TEST(Components, AFootThatIsMarkedOnAFigureOfOnePieceIsOnIt) {
+    const Positions body = ball(900, 1, 0, 0, 0), foot = ball(100, 0.2, 0.3, 0, -1.2);
+    const Topology loose = topology_of({900, 100}), figure = topology_of({1000});
+    const Positions source = together({body, foot});
+    // The map has no room for it, too.
+    Positions images = source;
+    images.bottomRows(100).rowwise().normalize();
+    expect_foot_on_figure(view(loose, source, images), view(figure, source, source),
+                          std::vector<IndexPair>{{950, 950}}, {{0, 0}}, 1);
+    // A hat besides, and a mark from the body to it.
+    const Topology with_hat = topology_of({1000, 90});
+    const Positions target = together({source, ball(90, 0.3, 0, 0, 1.5)});
+    expect_foot_on_figure(view(loose, source, source), view(with_hat, target, target),
+                          std::vector<IndexPair>{{950, 950}, {10, 1010}}, {{0, 0}}, 1);
+    // Neither body is most of its shape.
+    const Topology two = topology_of({500, 400, 50}), twins = topology_of({500, 450});
+    const Positions second = ball(400, 1, 4, 0, 0), toe = ball(50, 0.2, 4.3, 0, -1.2);
+    const Positions three = together({ball(500, 1, 0, 0, 0), second, toe}),
+                    both = together({ball(500, 1, 0, 0, 0), second, toe});
+    expect_foot_on_figure(view(two, three, three), view(twins, both, both),
+                          std::vector<IndexPair>{{920, 920}}, {{0, 0}, {1, 1}}, 2);
+}
+
 TEST(Components, TooSmallToFollowKeepTheirPlaceWhereThereIsRoom) {
     // A ball in two halves, and forty specks around it that both have.
     Progress progress;

@@ -46,11 +46,15 @@ struct ComponentMatching {
     /// ones.
     std::vector<IndexPair> matched;
     std::vector<Index> source_alone, target_alone;  ///< main() components without a counterpart
+    /// Components of which one is among these, and that a mark joins: it is a part of what the
+    /// other one is, such as a shoe of a figure of one piece.
+    std::vector<IndexPair> on_others;
 };
 
 /// By the least sum of differences in place, size and proportions; `alignment` takes the target to
-/// the source. Components that `marks` join (rows of both shapes) belong together before others do.
-/// Strays stay out of it. Throws Cancelled.
+/// the source. Components that `marks` join (rows of both shapes) belong together before others do,
+/// unless one is much larger and has a counterpart: then the other is on it. Strays stay out of it.
+/// Throws Cancelled.
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
                                    std::span<const IndexPair> marks, const Similarity& alignment,
                                    const ComponentOptions& options, Progress& progress);
