@@ -148,7 +148,7 @@ Subset drawn(const Urn& urn, double area, Index count, NearestDrawn* cells, Prog
     // spaced evenly it leaps, and the radius is sought between one that gives too many and one that
     // gives too few.
     constexpr int kRounds = 9, kExact = 3;
-    constexpr double kClose = 0.03, kAfterwards = 0.1;
+    constexpr double kClose = 0.03, kAfterwards = 0.2;
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     double radius = subset.radius, least_off = kInfinity, too_small = 0.0, too_large = kInfinity;
     for (int round = 0; round < kRounds; ++round) {
