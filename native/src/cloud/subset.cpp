@@ -150,22 +150,23 @@ Subset drawn(const Urn& urn, double area, Index count, NearestDrawn* cells, Prog
     constexpr int kRounds = 9, kExact = 3;
     constexpr double kClose = 0.03, kAfterwards = 0.2;
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    double radius = subset.radius, least_off = kInfinity, too_small = 0.0, too_large = kInfinity;
+    double radius = subset.radius, closest = radius, least_off = kInfinity;
+    double too_small = 0.0, too_large = kInfinity;
     for (int round = 0; round < kRounds; ++round) {
-        subset.rows = draw(urn, radius, to_size(2 * count), cells, progress);
-        const double ratio = static_cast<double>(subset.rows.size()) / std::max<Index>(1, count);
+        std::vector<Index> rows = draw(urn, radius, to_size(2 * count), cells, progress);
+        const double ratio = static_cast<double>(rows.size()) / std::max<Index>(1, count);
+        if (std::abs(ratio - 1.0) < (round < kExact ? kClose : kAfterwards))
+            return {std::move(rows), radius};
         const double off = std::abs(std::log(ratio));
         if (off < least_off) {
             least_off = off;
-            subset.radius = radius;
+            closest = radius;
         }
-        if (std::abs(ratio - 1.0) < (round < kExact ? kClose : kAfterwards)) return subset;
         (ratio > 1.0 ? too_small : too_large) = radius;
         radius *= std::sqrt(ratio);
         if (radius <= too_small || radius >= too_large) radius = std::sqrt(too_small * too_large);
     }
-    subset.rows = draw(urn, subset.radius, to_size(size), cells, progress);
-    return subset;
+    return {draw(urn, closest, to_size(size), cells, progress), closest};
 }
 
 }  // namespace

@@ -296,9 +296,10 @@ GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
 
 constexpr double kAlone = 0.75, kNever = 2.0;  // costs: of no counterpart, of one out of reach
 
-/// What main components of both shapes cost as counterparts, and the ratios of their sizes.
+/// What main components of both shapes cost as counterparts, and how much larger the source's are:
+/// logarithms of the ratios of their sizes, 1 for the largest ratio that counterparts may have.
 struct Differences {
-    Eigen::MatrixXd costs, size_ratios;  ///< ratios as shares of the largest, by logarithms
+    Eigen::MatrixXd costs, larger;
     bool of_most = false;  ///< the first ones are most of both shapes, so that they belong together
 };
 
@@ -322,10 +323,10 @@ Differences differences_of(const ComponentView& source, const ComponentView& tar
             const double apart = 0.5 * ((b.image - a.whole.middle).norm() +
                                         alignment.scale * (a.image - b.whole.middle).norm());
             const double distance = apart / (options.distance * (a.whole.size + size));
-            const double ratio = std::abs(std::log(a.whole.size / size)) / largest;
+            result.larger(i, j) = std::log(a.whole.size / size) / largest;
+            const double ratio = std::abs(result.larger(i, j));
             const double other = other_proportions(a.whole, b.whole) / largest;
             const bool may_be = agreed(i, j) >= kMostly || (distance < 1.0 && ratio < 1.0);
-            result.size_ratios(i, j) = ratio;
             costs(i, j) = may_be ? 0.5 * (1.0 - agreed(i, j) + std::min(1.0, distance) +
                                           std::min(1.0, ratio) + std::min(1.0, other))
                                  : kNever;
@@ -348,9 +349,11 @@ Differences differences_of(const ComponentView& source, const ComponentView& tar
 bool are_counterparts(const Differences& differences, const IndexPair& joined) {
     const auto [i, j] = joined;
     if (differences.of_most && (i == 0) != (j == 0)) return false;
-    if (differences.size_ratios(i, j) < 1.0) return true;
-    return !((differences.costs.row(i).array() < kAlone).any() ||
-             (differences.costs.col(j).array() < kAlone).any());
+    const double larger = differences.larger(i, j);
+    if (std::abs(larger) < 1.0) return true;
+    // Much larger than the other, and with a counterpart as large as itself.
+    return larger > 0.0 ? !(differences.costs.row(i).array() < kAlone).any()
+                        : !(differences.costs.col(j).array() < kAlone).any();
 }
 
 /// The costs where marks decide: of counterparts that they join, those that most do, then those
@@ -365,6 +368,25 @@ Eigen::MatrixXd with_marks(const Differences& differences, std::span<const Index
         cost -= kMark;
     }
     return costs;
+}
+
+/// See ComponentMatching; those that most marks join first.
+std::vector<IndexPair> on_others(const Differences& differences, const ComponentMatching& matching,
+                                 std::span<const IndexPair> joined) {
+    std::map<std::pair<Index, Index>, Index> marks;
+    for (const auto& [i, j] : joined) {
+        const bool source_is_alone = std::ranges::binary_search(matching.source_alone, i),
+                   target_is_alone = std::ranges::binary_search(matching.target_alone, j);
+        const double larger = differences.larger(i, j);
+        if (source_is_alone != target_is_alone && (source_is_alone ? larger : -larger) <= 0.0)
+            ++marks[{i, j}];
+    }
+    std::vector<IndexPair> pairs;
+    for (const auto& [pair, count] : marks) pairs.push_back({pair.first, pair.second});
+    std::ranges::stable_sort(pairs, std::greater<>(), [&](const IndexPair& pair) {
+        return marks[{pair.source, pair.target}];
+    });
+    return pairs;
 }
 
 }  // namespace
@@ -391,10 +413,7 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     };
     matching.source_alone = alone(differences.costs.rows(), &IndexPair::source);
     matching.target_alone = alone(differences.costs.cols(), &IndexPair::target);
-    for (const IndexPair& pair : joined)
-        if (std::ranges::binary_search(matching.source_alone, pair.source) !=
-            std::ranges::binary_search(matching.target_alone, pair.target))
-            matching.on_others.push_back(pair);
+    matching.on_others = on_others(differences, matching, joined);
     // Components are numbered by size, but not alike on both sides.
     std::ranges::stable_sort(matching.matched, std::greater<>(), [&](const IndexPair& pair) {
         return source.topology.components[to_size(pair.source)].points +

@@ -80,8 +80,8 @@ std::vector<Similarity> mistakable(const CoarseShape& shape, const SelfMotions& 
     return turns;
 }
 
-/// What the poses of maps become by the half turns of the source, and of the target. None that has
-/// been tried or contradicts the features.
+/// What the poses of maps become by the half turns of the source, and of the target. None near one
+/// of `tried`, and none that contradicts the features.
 std::vector<TrialStart> half_turned(const PoseSearch& search, const std::vector<Similarity>& poses,
                                     const std::array<std::vector<Similarity>, 2>& half_turns,
                                     const std::vector<TrialStart>& tried) {
@@ -162,12 +162,15 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
                 starts.push_back({composed(tilt, pose), {}});
     }
     in_part(progress, 0.5, 0.9, [&] { try_starts(search, starts, first.trials, progress); });
-    in_part(progress, 0.9, 1.0, [&] {
-        try_half_turns(
-            search,
-            {mistakable(search.source.thin, source), mistakable(search.target.thin, target)},
-            candidates, first.trials, progress);
+    std::array<std::vector<Similarity>, 2> half_turns;
+    in_part(progress, 0.9, 0.92, [&] {
+        on_both(progress, [&](bool is_source, Progress&) {
+            half_turns[is_source ? 0 : 1] = is_source ? mistakable(search.source.thin, source)
+                                                      : mistakable(search.target.thin, target);
+        });
     });
+    in_part(progress, 0.92, 1.0,
+            [&] { try_half_turns(search, half_turns, candidates, first.trials, progress); });
     return first;
 }
 

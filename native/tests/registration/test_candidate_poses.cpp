@@ -129,6 +129,22 @@ TEST(CandidatePoses, HalfTurnsFollowTheShapeWhereItsPrincipalAxesLieAskew) {
     EXPECT_LT(nearest(turns), 0.12);
 }
 
+TEST(CandidatePoses, HalfTurnsOfLinesAndFewPointsAreRotations) {
+    Positions line = Positions::Zero(40, 3);
+    line.col(0).setLinSpaced(0.0, 1.0);
+    for (const Positions& points : {line, Positions(line.topRows(2)), Positions(line.topRows(1)),
+                                    Positions(shapes::grid(8))}) {
+        Progress progress;
+        const CoarseShape shape = coarse_shape(KdTree<3>(points), shapes::upward(points.rows()), {},
+                                               {600, {100, 200}, {}}, progress);
+        for (const Similarity& turn : half_turns(shape)) {
+            EXPECT_NEAR(turn.rotation.determinant(), 1.0, 1e-9);
+            EXPECT_LT(apart(turn.rotation * turn.rotation.transpose(), Matrix3::Identity()), 1e-9);
+            EXPECT_TRUE(turn.translation.allFinite());
+        }
+    }
+}
+
 TEST(CandidatePoses, WhatAgreesWithTheFeaturesStays) {
     const Eggs eggs;
     const CoarsePair shapes{eggs.coarse_source, eggs.coarse_target, eggs.features};

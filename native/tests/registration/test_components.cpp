@@ -150,6 +150,25 @@ TEST(Components, AFootThatIsMarkedOnAFigureOfOnePieceIsOnIt) {
                     both = together({ball(500, 1, 0, 0, 0), second, toe});
     expect_foot_on_figure(view(two, three, three), view(twins, both, both),
                           std::vector<IndexPair>{{920, 920}}, {{0, 0}, {1, 1}}, 2);
+    // Two marks outweigh one that comes before them.
+    expect_foot_on_figure(view(two, three, three), view(twins, both, both),
+                          std::vector<IndexPair>{{930, 920}, {910, 10}, {920, 910}},
+                          {{0, 0}, {1, 1}}, 2);
+}
+
+TEST(Components, AFigureThatIsMarkedOnAFootIsNoPartOfIt) {
+    // The figure has no counterpart: the target has another foot, far away, and something else.
+    Progress progress;
+    const Positions foot = ball(100, 0.2, 0.3, 0, -1.2);
+    const Topology s = topology_of({500, 490, 100}), t = topology_of({500, 100});
+    const Positions source = together({ball(500, 1, 0, 0, 0), ball(490, 1, 40, 0, 0), foot});
+    const Positions target = together({ball(500, 1, 0, 0, 0), foot});
+    const std::vector<IndexPair> marks{{1050, 550}, {600, 550}};
+    const ComponentMatching m =
+        match_components(view(s, source, source), view(t, target, target), marks, {}, {}, progress);
+    EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {2, 1}}));
+    EXPECT_EQ(m.source_alone, std::vector<Index>{1});
+    EXPECT_TRUE(m.on_others.empty());
 }
 
 TEST(Components, TooSmallToFollowKeepTheirPlaceWhereThereIsRoom) {
