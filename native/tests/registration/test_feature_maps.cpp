@@ -148,7 +148,8 @@ TEST(Features, APaintedGradientIsCarriedOntoItself) {
     if (!is_watched()) {
         EXPECT_GT(mean_difference(faded.refined(faded.points())), 0.2);
     }
-    EXPECT_LT(mean_difference(faded.refined(faded.features)), 0.05);
+    // What is watched has fewer points.
+    EXPECT_LT(mean_difference(faded.refined(faded.features)), is_watched() ? 0.07 : 0.05);
 }
 
 TEST(Features, RegionsTellThePose) {
