@@ -7,6 +7,7 @@
 #include <cmath>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "base/angle.hpp"
 #include "base/compiler.hpp"
@@ -128,13 +129,13 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     follow(normals, progress);
 }
 
-Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind path,
-                                   Progress& progress) {
+Motion::BothWays Motion::both_ways(Ends there, Ends back, PathKind path, Progress& progress) {
     std::array<std::unique_ptr<Motion>, 2> found;
     {
         const Progress::Part part(progress, 0.0, 0.5);
         on_both(progress, [&](bool is_source, Progress& its) {
-            found[is_source ? 0 : 1].reset(new Motion(is_source ? there : back, path, its));
+            found[is_source ? 0 : 1].reset(
+                new Motion(std::move(is_source ? there : back), path, its));
         });
     }
     for (const double k : {0.0, 1.0}) {
@@ -144,10 +145,9 @@ Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind
     return {std::move(*found[0]), std::move(*found[1])};
 }
 
-Motion::Motion(const Ends& ends, PathKind path, Progress& progress)
-    : ground_(ends.ground && *ends.ground
-                  ? std::move(**ends.ground)
-                  : MotionGround(ends.positions, ends.normals, path, progress)),
+Motion::Motion(Ends&& ends, PathKind path, Progress& progress)
+    : ground_(ends.ground ? std::move(*ends.ground)
+                          : MotionGround(ends.positions, ends.normals, path, progress)),
       similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, ground_.unit_.center}
                                             : ends.similarity) {
     offsets_ = ground_.unit_.apply(similarity_.whole.inverse().apply(ends.images));

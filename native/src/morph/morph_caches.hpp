@@ -41,6 +41,9 @@ struct Morph::Caches {
     struct Ground {
         Normals normals;
         std::optional<MotionGround> ground;
+
+        /// Leaves nothing here. Null where there is none, or of normals other than `now`.
+        std::optional<MotionGround> taken(const Normals& now);
     };
     Ground source_ground, target_ground;
     std::optional<PointwisePath> pointwise;
@@ -70,6 +73,15 @@ struct Morph::Caches {
     std::mutex mesh_quality_mutex;
     std::optional<MeshQuality> mesh_quality;
 };
+
+inline std::optional<MotionGround> Morph::Caches::Ground::taken(const Normals& now) {
+    const bool same = normals.rows() == now.rows() && normals == now;
+    std::optional<MotionGround> its(std::move(ground));
+    ground.reset();
+    normals.resize(0, 3);
+    if (!same) its.reset();
+    return its;
+}
 
 /// Takes both clouds at a time out of the caches, and gives them back at the end of the scope.
 class Morph::Caches::LentMidway {

@@ -277,21 +277,12 @@ void Morph::lay_out_paths(Progress& progress) const {
         else
             normals[to_size(k - 1)] = (k == 1 ? source_ : target_).normals.rowwise().normalized();
     });
-    const auto made_of = [](Caches::Ground& before, const Normals& now) {
-        const bool same = before.normals.rows() == now.rows() && before.normals == now;
-        if (!same) before.ground.reset();
-        return &before.ground;
-    };
     auto [forth, reverse] =
         Motion::both_ways({source_.positions, normals[0], images, similarity,
-                           made_of(caches_->source_ground, normals[0])},
+                           caches_->source_ground.taken(normals[0])},
                           {target_.positions, normals[1], back, similarity.reversed(),
-                           made_of(caches_->target_ground, normals[1])},
+                           caches_->target_ground.taken(normals[1])},
                           options_.path_kind(), progress);
-    for (Caches::Ground* used : {&caches_->source_ground, &caches_->target_ground}) {
-        used->normals.resize(0, 3);
-        used->ground.reset();
-    }
     caches_->target_motion.emplace(std::move(reverse));
     caches_->source_motion.emplace(std::move(forth));
     progress.finish();

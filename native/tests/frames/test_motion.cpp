@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -195,21 +196,23 @@ TEST(Motion, BothWaysTogetherAreAsEachByItself) {
     Progress progress;
     for (const PathKind path : {PathKind::kLinear, PathKind::kSimilarity, PathKind::kRigid}) {
         // Of different sizes: the other one has half of the points.
-        const Motion::Ends there{bar.positions, bar.normals, ends, similarity};
-        const Motion::Ends back{half, half_normals, half_start, similarity.reversed()};
-        const Motion::BothWays ways = Motion::both_ways(there, back, path, progress);
-        const Motion forth(there.positions, there.normals, there.images, there.similarity, path,
-                           progress);
-        const Motion reverse(back.positions, back.normals, back.images, back.similarity, path,
-                             progress);
+        const auto there = [&](std::optional<MotionGround> ground) {
+            return Motion::Ends{bar.positions, bar.normals, ends, similarity, std::move(ground)};
+        };
+        const auto back = [&](std::optional<MotionGround> ground) {
+            return Motion::Ends{half, half_normals, half_start, similarity.reversed(),
+                                std::move(ground)};
+        };
+        const Motion::BothWays ways = Motion::both_ways(there({}), back({}), path, progress);
+        const Motion forth(bar.positions, bar.normals, ends, similarity, path, progress);
+        const Motion reverse(half, half_normals, half_start, similarity.reversed(), path, progress);
         // With what the clouds alone give made before, all of it and a part.
         std::optional<MotionGround> whole, part;
         whole.emplace(bar.positions, bar.normals, path, progress);
         whole->follow(bar.normals, progress);
         part.emplace(half, half_normals, path, progress);
-        const Motion::BothWays made = Motion::both_ways(
-            {there.positions, there.normals, there.images, there.similarity, &whole},
-            {back.positions, back.normals, back.images, back.similarity, &part}, path, progress);
+        const Motion::BothWays made =
+            Motion::both_ways(there(std::move(whole)), back(std::move(part)), path, progress);
         EXPECT_EQ(made.there.at(0.3).positions, forth.at(0.3).positions);
         EXPECT_EQ(made.back.at(0.3).positions, reverse.at(0.3).positions);
         EXPECT_EQ(made.back.at(0.3).normals, reverse.at(0.3).normals);

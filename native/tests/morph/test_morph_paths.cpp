@@ -2,9 +2,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -83,6 +87,62 @@ TEST(MorphPaths, FramesThatWereExpectedHaveTheSameBits) {
             EXPECT_EQ(at(expected, 0.4), at(plain, 0.4));
             EXPECT_EQ(at(expected, 0.8), at(plain, 0.8));
         }
+}
+
+/// Of a patch, once there was so much time for what frames take of the shapes alone.
+Morph with_frames_expected(std::chrono::milliseconds idle) {
+    MorphOptions options;
+    options.threads = 2;
+    options.expects_frames = true;
+    options.refinement = lighter_where_watched();
+    Progress progress([&](std::string_view stage, double) {
+        if (stage == "registration")
+            std::this_thread::sleep_for(std::exchange(idle, std::chrono::milliseconds(0)));
+        return true;
+    });
+    return {{hemisphere(1200), hemisphere(1000), {point_feature("top", 0, 0)}, {}, {}, {}},
+            options,
+            progress};
+}
+
+/// How often the callback is called while paths are laid out, up to `most`, when it cancels.
+int calls_of_paths(const Morph& morph, int most) {
+    int calls = 0;
+    Progress progress([&](std::string_view, double) { return ++calls < most; },
+                      std::chrono::milliseconds(0));
+    try {
+        morph.lay_out_paths(progress);
+    } catch (const Cancelled&) {
+    }
+    return calls;
+}
+
+TEST(MorphPaths, WhatWasMadeForExpectedFramesIsNotMadeAgain) {
+    constexpr int kAll = std::numeric_limits<int>::max();
+    MorphOptions options;
+    options.threads = 2;
+    options.refinement = lighter_where_watched();
+    const int plain = calls_of_paths(
+        make(hemisphere(1200), hemisphere(1000), {point_feature("top", 0, 0)}, options), kAll);
+    int fewest = plain;
+    for (int idle = 100; idle < 20'000 && fewest > plain / 2; idle *= 4)  // on a busy machine
+        fewest = std::min(
+            fewest, calls_of_paths(with_frames_expected(std::chrono::milliseconds(idle)), kAll));
+    EXPECT_LE(fewest, plain / 2);
+}
+
+TEST(MorphPaths, FramesThatWereExpectedAreTheSameAfterPathsThatWereCanceled) {
+    MorphOptions options;
+    options.threads = 2;
+    options.refinement = lighter_where_watched();
+    const std::vector<double> plain =
+        at(make(hemisphere(1200), hemisphere(1000), {point_feature("top", 0, 0)}, options), 0.4);
+    for (int most = 1; most < 100'000; most = is_watched() ? 4 * most : 2 * most) {
+        const Morph morph = with_frames_expected(std::chrono::milliseconds(100));
+        const int calls = calls_of_paths(morph, most);
+        EXPECT_EQ(at(morph, 0.4), plain) << most;
+        if (calls < most) break;
+    }
 }
 
 TEST(MorphPaths, FramesMayBeExpectedOfAMorphThatIsCanceled) {

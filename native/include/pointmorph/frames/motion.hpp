@@ -82,19 +82,18 @@ public:
     ~Motion();
     Motion(Motion&&) noexcept;
 
-    /// What a motion is made of; refers to the arrays.
+    /// What a motion is made of; refers to the arrays, and is used up.
     struct Ends {
         const Positions& positions;
         const Normals& normals;
         const Positions& images;
         GradualSimilarity similarity;
-        /// Made of these positions and normals before, as far as it is; taken over. May be null.
-        std::optional<MotionGround>* ground = nullptr;
+        /// Made of these positions and normals before, as far as it is.
+        std::optional<MotionGround> ground = {};
     };
     /// Two motions, laid out next to each other.
     struct BothWays;
-    static BothWays both_ways(const Ends& there, const Ends& back, PathKind path,
-                              Progress& progress);
+    static BothWays both_ways(Ends there, Ends back, PathKind path, Progress& progress);
 
     /// t from 0 to 1; normals have unit length. At the ends the positions are those given, up to
     /// rounding. May be called from several threads at once.
@@ -107,7 +106,7 @@ private:
     friend void find_midway(const Motion& forth, const Motion& back, double t, Midway& midway);
 
     /// All but what has to be found for each point.
-    Motion(const Ends& ends, PathKind path, Progress& progress);
+    Motion(Ends&& ends, PathKind path, Progress& progress);
     void follow(const Normals& normals, Progress& progress);
 
     State state(double t) const;
