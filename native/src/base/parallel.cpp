@@ -7,16 +7,12 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <memory>
-#include <optional>
 #include <string_view>
-#include <system_error>
 #include <thread>
 #include <vector>
 
-#include "base/own_thread.hpp"
+#include "base/crew.hpp"
 #include "base/thread_engine.hpp"
-#include "base/work_aside.hpp"
 
 namespace pointmorph {
 
@@ -36,26 +32,6 @@ std::atomic<const ThreadEngine*>& engine_in_use() {
 
 thread_local int limit = 0;  // threads of a team; 0 leaves it to the engine
 thread_local bool in_team = false;
-
-/// The calling thread and those of its team, while there is work aside.
-struct Crew {
-    int most;                  ///< threads
-    std::atomic<int> busy{1};  ///< of them
-};
-thread_local Crew* own_crew = nullptr;
-
-/// While the calling thread waits for others.
-class Waiting {
-public:
-    Waiting() {
-        if (own_crew) --own_crew->busy;
-    }
-    ~Waiting() {
-        if (own_crew) ++own_crew->busy;
-    }
-    Waiting(const Waiting&) = delete;
-    Waiting& operator=(const Waiting&) = delete;
-};
 
 int most_threads() {
     return limit > 0 ? limit : engine_in_use().load()->default_threads();
@@ -86,13 +62,21 @@ ThreadCount::~ThreadCount() {
     limit = before_;
 }
 
+int threads_for_a_team() {
+    return in_team ? 1 : most_threads();
+}
+
+void stay_alone() {
+    in_team = true;
+}
+
 void run_team(int most, const TeamWork& work) {
-    const int threads = in_team || most < 2 ? 1 : std::min(most, most_threads());
+    const int threads = most < 2 ? 1 : std::min(most, threads_for_a_team());
     if (threads < 2) {
         work(true);
         return;
     }
-    Crew* const crew = own_crew;
+    Crew* const crew = own_crew();
     auto as_member = [&](bool owner) {
         in_team = true;
         if (crew) ++crew->busy;
@@ -170,57 +154,6 @@ void parallel_invoke(int count, Progress& progress,
         progress.throw_if_cancelled();
     }
     if (failure) std::rethrow_exception(failure);
-}
-
-struct WorkAside::Shared {
-    Shared(std::function<void(Progress&)> its, int most) : work(std::move(its)), crew{most} {}
-
-    std::function<void(Progress&)> work;
-    Crew crew;
-    Crew* before = own_crew;  ///< of the thread that made it
-    std::atomic<bool> ending{false}, ended{false};
-    std::optional<OwnThread> thread;
-
-    /// Stands still while no thread is idle. Returns whether to go on.
-    bool may_go_on() const {
-        while (!ending && crew.busy >= crew.most)
-            std::this_thread::sleep_for(std::chrono::microseconds(100));
-        return !ending;
-    }
-
-    void run() {
-        in_team = true;  // it runs alone
-        Progress progress([this](std::string_view, double) { return may_go_on(); },
-                          std::chrono::milliseconds(0));
-        try {
-            progress.report(0.0);
-            work(progress);
-        } catch (...) {
-        }
-        ended = true;
-        ended.notify_one();
-    }
-};
-
-WorkAside::WorkAside(std::function<void(Progress&)> work) {
-    const int most = in_team ? 1 : most_threads();
-    if (most < 2) return;
-    shared_ = std::make_shared<Shared>(std::move(work), most);
-    try {
-        shared_->thread.emplace([its = shared_] { its->run(); });
-    } catch (const std::system_error&) {
-        shared_.reset();  // the system allows no more threads
-        return;
-    }
-    own_crew = &shared_->crew;
-}
-
-WorkAside::~WorkAside() {
-    if (!shared_) return;
-    own_crew = shared_->before;
-    shared_->ending = true;
-    shared_->ended.wait(false);
-    shared_->thread->end();
 }
 
 void on_both(Progress& progress, const std::function<void(bool, Progress&)>& work) {

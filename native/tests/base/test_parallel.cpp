@@ -18,21 +18,15 @@
 #include <unistd.h>
 #endif
 
+#include "base/thread_checks.hpp"
 #include "base/thread_engine.hpp"
-#include "base/work_aside.hpp"
 #include "pointmorph/base/error.hpp"
 #include "watched.hpp"
-
-/// The thread sanitizer allows no threads after a fork.
-#ifdef __SANITIZE_THREAD__
-#define SKIP_WHERE_THREADS_ARE_WATCHED() GTEST_SKIP() << "no fork with the thread sanitizer"
-#else
-#define SKIP_WHERE_THREADS_ARE_WATCHED() static_cast<void>(0)
-#endif
 
 namespace pointmorph {
 namespace {
 
+using checks::threads_used;
 using namespace std::chrono_literals;
 
 /// Everything with each engine that the library is built with.
@@ -57,23 +51,6 @@ std::vector<double> slow_sums(Index count) {
     return sums;
 }
 
-/// How many threads are inside at once, at most.
-class Crowd {
-public:
-    void pass_through() {
-        const int now = ++inside_;
-        int before = most_;
-        while (before < now && !most_.compare_exchange_weak(before, now)) {
-        }
-        std::this_thread::sleep_for(1ms);
-        --inside_;
-    }
-    int most() const { return most_; }
-
-private:
-    std::atomic<int> inside_{0}, most_{0};
-};
-
 TEST_P(ParallelFor, VisitsEveryRowOnceInChunks) {
     for (const int threads : {1, 2, 5}) {
         const ThreadCount scope(threads);
@@ -89,14 +66,6 @@ TEST_P(ParallelFor, VisitsEveryRowOnceInChunks) {
             for (const auto& v : visits) EXPECT_EQ(v, 1);
         }
     }
-}
-
-int threads_used() {
-    Progress progress;
-    Crowd crowd;
-    parallel_for(
-        100, progress, [&](Index, Index) { crowd.pass_through(); }, 0.0, 1.0, 1);
-    return crowd.most();
 }
 
 TEST_P(ParallelFor, RunsOnAllThreadsThatItMay) {
@@ -449,103 +418,6 @@ TEST(ParallelInvoke, CallsEachOnceAndRethrowsTheFirst) {
             for (const auto& c : calls) EXPECT_EQ(c, 1);
         }
     }
-}
-
-/// Takes steps until it is ended.
-class Steps {
-public:
-    void operator()(Progress& progress) {
-        begun = true;
-        try {
-            for (;; ++taken) progress.report(0.5);
-        } catch (const Cancelled&) {
-            was_ended = true;
-        }
-    }
-    /// Waits for more of them.
-    void wait_for_more() const {
-        for (const int before = taken; taken < before + 100;) std::this_thread::sleep_for(1ms);
-    }
-
-    std::atomic<bool> begun{false}, was_ended{false};
-    std::atomic<int> taken{0};
-};
-
-TEST(WorkAside, GoesOnWhileAThreadIsIdleAndStandsStillWhileNoneIs) {
-    for (const ThreadEngine* engine : thread_engines()) {
-        const EngineScope scope(*engine);
-        const ThreadCount count(2);
-        Steps steps;
-        {
-            const WorkAside aside([&](Progress& progress) { steps(progress); });
-            steps.wait_for_more();
-            std::atomic<int> there{0};
-            std::atomic<bool> seen{false};
-            int moved = 0;
-            parallel_invoke(2, [&](int, bool owner) {
-                ++there;
-                while (there < 2) std::this_thread::yield();
-                if (owner) {
-                    std::this_thread::sleep_for(20ms);  // the step that it was in has ended
-                    const int before = steps.taken;
-                    std::this_thread::sleep_for(20ms);
-                    moved = steps.taken - before;
-                    seen = true;
-                }
-                while (!seen) std::this_thread::yield();
-            });
-            EXPECT_EQ(moved, 0) << engine->name;
-            steps.wait_for_more();
-            // One of two that has nothing to do any more is idle, the caller or the other.
-            Progress progress;
-            for (const bool caller_works : {true, false}) {
-                there = 0;
-                parallel_invoke(2, progress, [&](int, Progress& its) {
-                    ++there;
-                    while (there < 2) std::this_thread::yield();
-                    if ((&its == &progress) == caller_works) steps.wait_for_more();
-                });
-            }
-            steps.wait_for_more();
-        }
-        EXPECT_TRUE(steps.was_ended);
-        EXPECT_EQ(threads_used(), 2);  // as before
-    }
-}
-
-TEST(WorkAside, RunsItsLoopsAlone) {
-    const ThreadCount count(2);
-    std::atomic<int> most{0};
-    std::atomic<bool> done{false};
-    const WorkAside aside([&](Progress&) {
-        most = threads_used();
-        done = true;
-    });
-    while (!done) std::this_thread::sleep_for(1ms);
-    EXPECT_EQ(most, 1);
-}
-
-TEST(WorkAside, DoesNotBeginOnOneThread) {
-    const ThreadCount count(1);
-    Steps steps;
-    {
-        const WorkAside aside([&](Progress& progress) { steps(progress); });
-        std::this_thread::sleep_for(5ms);
-    }
-    EXPECT_FALSE(steps.begun);
-}
-
-TEST(WorkAside, WhatItThrowsEndsItAlone) {
-    const ThreadCount count(2);
-    std::atomic<bool> begun{false};
-    {
-        const WorkAside aside([&](Progress&) {
-            begun = true;
-            throw std::out_of_range("aside");
-        });
-        while (!begun) std::this_thread::sleep_for(1ms);
-    }
-    EXPECT_EQ(threads_used(), 2);
 }
 
 TEST(ThreadEngines, TheEnvironmentMayAskForThePool) {
