@@ -6,17 +6,11 @@
 
 namespace pointmorph {
 
-namespace {
-
-constexpr Index kMany = 300'000;
-
-}  // namespace
-
 void keep_unused_memory([[maybe_unused]] Index points) noexcept {
 #ifdef __GLIBC__
     // Where its own rule leads, too, once a block of 32 MB was freed.
     constexpr int kLargest = 32 << 20;
-    if (points >= kMany) return;
+    if (points >= kManyPoints) return;
     mallopt(M_MMAP_THRESHOLD, kLargest);
     mallopt(M_TRIM_THRESHOLD, 2 * kLargest);
 #endif
@@ -24,12 +18,8 @@ void keep_unused_memory([[maybe_unused]] Index points) noexcept {
 
 void give_back_unused_memory([[maybe_unused]] Index points) noexcept {
 #ifdef __GLIBC__
-    if (points >= kMany) malloc_trim(0);
+    if (points >= kManyPoints) malloc_trim(0);
 #endif
-}
-
-bool takes_long_to_free(Index points) noexcept {
-    return points >= kMany;
 }
 
 }  // namespace pointmorph

@@ -102,13 +102,13 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     MeshSides meshes = mesh_sides(input, options, progress);
     if (meshes.any()) {
         append(report_.warnings, turned_faces(input, meshes));
-        find_map(sampled_input(input, meshes), true, progress);
+        find_map(sampled_input(input, meshes), FoundOn::kSamples, progress);
         meshes_ = std::make_unique<const MeshMorph>(MeshMorph{
             std::make_shared<const MeshSides>(std::move(meshes)), source_images_, target_images_,
             std::move(input.source_holds), std::move(input.target_holds)});
         carry(std::move(input), {}, progress);
     } else {
-        find_map(std::move(input), false, progress);
+        find_map(std::move(input), FoundOn::kPoints, progress);
     }
     conclude(progress, start);
 }
@@ -182,9 +182,8 @@ Morph Morph::updated(std::vector<Feature> features, Progress& progress) const {
     return LiveMorph(*this, progress).updated(std::move(features), progress);
 }
 
-/// From both clouds to the map between their points. `are_samples`: of faces, whose vertices frames
-/// show.
-void Morph::find_map(MorphInput input, bool are_samples, Progress& progress) {
+/// From both clouds to the map between their points.
+void Morph::find_map(MorphInput input, FoundOn rows, Progress& progress) {
     keep_unused_memory(input.source.size() + input.target.size());
     const bool paper = options_.method == Method::kPaper;
     const MorphOptions& options = options_;
@@ -200,9 +199,8 @@ void Morph::find_map(MorphInput input, bool are_samples, Progress& progress) {
     source_ = std::move(input.source);
     target_ = std::move(input.target);
     std::optional<WorkAside> aside;
-    constexpr Index kFew = 300'000;  // what is made of so many takes 40 MB
-    if (options.expects_frames && !are_samples && source_.size() + target_.size() <= kFew &&
-        options.path_kind() != PathKind::kLinear) {
+    if (options.expects_frames && rows == FoundOn::kPoints &&
+        source_.size() + target_.size() < kManyPoints && options.path_kind() != PathKind::kLinear) {
         on_both(progress, [&](bool is_source, Progress&) {
             (is_source ? caches_->source_ground : caches_->target_ground).normals =
                 completed_normals((is_source ? source_ : target_).normals,

@@ -9,9 +9,11 @@
 #include <cmath>
 #include <cstdlib>
 #include <memory>
+#include <new>
 #include <random>
 #include <vector>
 
+#include "base/thread_engine.hpp"
 #include "base/unused_memory.hpp"
 
 #if __has_include(<malloc.h>)
@@ -119,9 +121,9 @@ TEST(UnusedMemory, IsKeptForFewPointsAlone) {
     // As in a program that has freed no large block yet.
     mallopt(M_MMAP_THRESHOLD, 128 << 10);
     const std::size_t alone = blocks_of_their_own();
-    keep_unused_memory(300'000);
+    keep_unused_memory(kManyPoints);
     EXPECT_EQ(blocks_of_their_own(), alone);
-    keep_unused_memory(299'999);
+    keep_unused_memory(kManyPoints - 1);
     EXPECT_EQ(blocks_of_their_own(), alone == 0 ? 0 : alone - 1);  // 0 where all is watched
 }
 #endif
@@ -139,6 +141,15 @@ TEST(UnusedMemory, OfBothSidesIsFreedOnce) {
             EXPECT_EQ(calls, 2);
             EXPECT_EQ(sides[0].capacity() + sides[1].capacity(), 0U);
         }
+}
+
+TEST(UnusedMemory, OfBothSidesIsFreedWhereATeamFindsNone) {
+    const ThreadEngine full{"full", [] { return 2; },
+                            [](int, const TeamWork&) { throw std::bad_alloc(); }};
+    const EngineScope scope(full);
+    std::array<int, 2> calls{};
+    free_both(kManyPoints, [&](bool is_source) { ++calls[is_source ? 0 : 1]; });
+    EXPECT_EQ(calls, (std::array{1, 1}));
 }
 
 }  // namespace

@@ -167,7 +167,10 @@ private:
     std::vector<std::string> warnings_of_shapes() const;
     void conclude(Progress& progress, std::chrono::steady_clock::time_point began);
     void meet_smoothly(std::span<const IndexPair> pinned);
-    void find_map(MorphInput input, bool are_samples, Progress& progress);
+    /// Rows of what a map is found for: those given, or samples of faces, whose vertices frames
+    /// show.
+    enum class FoundOn { kPoints, kSamples };
+    void find_map(MorphInput input, FoundOn rows, Progress& progress);
     void make_grounds(Progress& progress);
     void take(Correspondence found);
     void carry(MorphInput input, const RefinementStart& offsets, Progress& progress);

@@ -70,8 +70,8 @@ struct MorphOptions {
     /// Threads; 0 takes all. The result doesn't depend on it.
     int threads = 0;
     /// Frames will be asked for: what paths take of both shapes alone is made while the map is
-    /// found, as far as a thread has nothing else to do; for bare clouds of a few hundred thousand
-    /// points, as it takes memory. The result doesn't depend on it.
+    /// found, as far as a thread has nothing else to do; for bare clouds of fewer than 300,000
+    /// points together, as it takes memory. The result doesn't depend on it.
     bool expects_frames = false;
 
     PathKind path_kind() const {
