@@ -1,6 +1,7 @@
 // Work that is a part of no stage. Not a part of the library.
 #pragma once
 
+#include <chrono>
 #include <string_view>
 #include <utility>
 
@@ -13,7 +14,8 @@ namespace pointmorph {
 /// says nothing of how far it is. Throws what the callback throws, else Cancelled.
 template <class Work>
 auto quietly(Progress& progress, Work&& work) {
-    Progress quiet([&](std::string_view, double) { return progress.poll(); });
+    Progress quiet([&](std::string_view, double) { return progress.poll(); },
+                   std::chrono::milliseconds(0));
     try {
         return std::forward<Work>(work)(quiet);
     } catch (const Cancelled&) {

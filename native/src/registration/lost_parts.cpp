@@ -87,10 +87,14 @@ void look_whether_to_end(std::size_t done, Progress& progress) {
     if (done % kOften == 0 && !progress.poll()) progress.throw_if_cancelled();
 }
 
+bool is_among(Index row, std::span<const Index> ascending) {
+    return std::ranges::binary_search(ascending, row);
+}
+
 /// Takes in what a part surrounds, such as points that a stray image comes near, if they are fewer
-/// than `most`. `state`: 0 where nothing is lost.
+/// than `most` and none is marked. `state`: 0 where nothing is lost.
 void take_islands(const SampledSurface& surface, LostPart& part, std::size_t most,
-                  std::vector<char>& state, Progress& progress) {
+                  std::span<const Index> marked, std::vector<char>& state, Progress& progress) {
     constexpr char kLostHere = 1, kOutside = 2;
     std::vector<Index> outside;
     for (const Index first : part.rim) {
@@ -100,6 +104,7 @@ void take_islands(const SampledSurface& surface, LostPart& part, std::size_t mos
         bool is_outside = false;
         for (std::size_t k = 0; k < island.size() && !is_outside; ++k) {
             look_whether_to_end(k, progress);
+            is_outside |= is_among(island[k], marked);
             for (const Index j : surface.nearest[island[k]]) {
                 if (surface.normals.row(island[k]).dot(surface.normals.row(j)) < kOtherSide)
                     continue;
@@ -123,7 +128,7 @@ void take_islands(const SampledSurface& surface, LostPart& part, std::size_t mos
 }
 
 std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distances,
-                                 Progress& progress) {
+                                 std::span<const Index> marked, Progress& progress) {
     // Times: what surrounds, and all that isn't lost, than what is surrounded.
     constexpr std::size_t kLarger = 4, kStray = 10;
     const auto left = static_cast<std::size_t>((distances.array() <= kLost).count());
@@ -148,43 +153,54 @@ std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distanc
         part.rim.erase(std::unique(part.rim.begin(), part.rim.end()), part.rim.end());
         if (part.rows.size() < kFewestLost || !(part.deepest > kDeepest)) continue;
         const std::size_t most = std::min(part.rows.size() / kLarger, left / kStray);
-        take_islands(map.whole, part, most, known, progress);
+        take_islands(map.whole, part, most, marked, known, progress);
         parts.push_back(std::move(part));
     }
     return parts;
 }
 
-/// A part and its rim, which comes after its rows, as a graph along the surface.
+/// A part and its rim, which comes after its rows, as a graph along the surface: each is joined to
+/// its neighbors, and to those that have it for one.
 class PartGraph {
 public:
-    PartGraph(const SampledSurface& surface, const LostPart& part)
-        : neighbors_(part.rows.size() + part.rim.size()), rows_(part.rows.size()) {
-        std::vector<Index> all = part.rows;
-        all.insert(all.end(), part.rim.begin(), part.rim.end());
-        positions_ = gather(surface.positions, all);
-        std::vector<Index> places(to_size(surface.size()), -1);
-        for (std::size_t k = 0; k < all.size(); ++k) places[to_size(all[k])] = to_index(k);
-        for (std::size_t k = 0; k < all.size(); ++k)
-            for (const Index j : surface.nearest[all[k]]) {
-                const Index other = places[to_size(j)];
-                if (other < 0 || (k >= rows_ && to_size(other) >= rows_)) continue;
-                if (surface.normals.row(all[k]).dot(surface.normals.row(j)) < kOtherSide) continue;
-                join(to_index(k), other);
-            }
-        for (const IndexPair& link : part.links)
-            join(places[to_size(link.source)], places[to_size(link.target)]);
+    /// `places`: −1 for each row of the surface, and again when the graph goes.
+    PartGraph(const SampledSurface& surface, const LostPart& part, std::vector<Index>& places,
+              Progress& progress)
+        : surface_(surface), rows_(part.rows), own_(part.rows.size()), places_(places) {
+        rows_.insert(rows_.end(), part.rim.begin(), part.rim.end());
+        for (std::size_t k = 0; k < rows_.size(); ++k) places_[to_size(rows_[k])] = to_index(k);
+        std::vector<IndexPair> more;
+        for (std::size_t k = 0; k < rows_.size(); ++k) {
+            look_whether_to_end(k, progress);
+            const Index row = rows_[k];
+            each_neighbor(k, [&](Index other) {
+                const auto back = surface_.nearest[rows_[to_size(other)]];
+                if (std::ranges::find(back, row) == back.end())
+                    more.push_back({other, to_index(k)});
+            });
+        }
+        for (const auto& [from, to] : part.links) {
+            const Index a = places_[to_size(from)], b = places_[to_size(to)];
+            more.insert(more.end(), {{a, b}, {b, a}});
+        }
+        keep(more);
     }
+    ~PartGraph() {
+        for (const Index row : rows_) places_[to_size(row)] = -1;
+    }
+    PartGraph(const PartGraph&) = delete;
+    PartGraph& operator=(const PartGraph&) = delete;
 
     /// The place in the rim that is nearest to each row along the surface; −1 where none leads to
     /// it.
     std::vector<Index> nearest_of_rim(Progress& progress) const {
-        std::vector<double> distances(neighbors_.size(), std::numeric_limits<double>::infinity());
-        std::vector<Index> result(neighbors_.size(), -1);
+        std::vector<double> distances(rows_.size(), std::numeric_limits<double>::infinity());
+        std::vector<Index> result(rows_.size(), -1);
         using Entry = std::pair<double, Index>;
         std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-        for (std::size_t k = rows_; k < neighbors_.size(); ++k) {
+        for (std::size_t k = own_; k < rows_.size(); ++k) {
             distances[k] = 0.0;
-            result[k] = to_index(k - rows_);
+            result[k] = to_index(k - own_);
             open.emplace(0.0, to_index(k));
         }
         for (std::size_t done = 0; !open.empty(); ++done) {
@@ -192,34 +208,57 @@ public:
             const auto [distance, i] = open.top();
             open.pop();
             if (distance > distances[to_size(i)]) continue;
-            for (const Index j : neighbors_[to_size(i)]) {
-                const double there = distance + (positions_.row(i) - positions_.row(j)).norm();
-                if (!(there < distances[to_size(j)])) continue;
+            const auto reach = [&, from = distance, i = to_size(i)](Index j) {
+                const double there = from + (surface_.positions.row(rows_[i]) -
+                                             surface_.positions.row(rows_[to_size(j)]))
+                                                .norm();
+                if (!(there < distances[to_size(j)])) return;
                 distances[to_size(j)] = there;
-                result[to_size(j)] = result[to_size(i)];
+                result[to_size(j)] = result[i];
                 open.emplace(there, j);
-            }
+            };
+            each_neighbor(to_size(i), reach);
+            for (Index m = first_[to_size(i)]; m < first_[to_size(i) + 1]; ++m)
+                reach(more_[to_size(m)]);
         }
-        result.resize(rows_);
+        result.resize(own_);
         return result;
     }
 
 private:
-    void join(Index a, Index b) {
-        neighbors_[to_size(a)].push_back(b);
-        neighbors_[to_size(b)].push_back(a);
+    template <class Take>
+    void each_neighbor(std::size_t k, Take&& take) const {
+        const Index row = rows_[k];
+        for (const Index j : surface_.nearest[row]) {
+            const Index other = places_[to_size(j)];
+            if (other < 0 || (k >= own_ && to_size(other) >= own_)) continue;
+            if (surface_.normals.row(row).dot(surface_.normals.row(j)) < kOtherSide) continue;
+            take(other);
+        }
     }
 
-    std::vector<std::vector<Index>> neighbors_;
-    Positions positions_;
-    std::size_t rows_;
+    void keep(std::span<const IndexPair> more) {
+        first_.assign(rows_.size() + 1, 0);
+        for (const IndexPair& pair : more) ++first_[to_size(pair.source) + 1];
+        for (std::size_t k = 1; k < first_.size(); ++k) first_[k] += first_[k - 1];
+        more_.resize(more.size());
+        std::vector<Index> next = first_;
+        for (const auto& [from, to] : more) more_[to_size(next[to_size(from)]++)] = to;
+    }
+
+    const SampledSurface& surface_;
+    std::vector<Index> rows_;  ///< of the surface
+    std::size_t own_;          ///< how many of them aren't the rim
+    std::vector<Index>& places_;
+    // To whom each is joined that isn't its neighbor: from first_[k] to first_[k + 1].
+    std::vector<Index> first_, more_;
 };
 
 /// For each row of a part, the place in its rim that is nearest along the surface: like this, only
-/// what is far from all of it is torn apart.
+/// what is far from all of it is torn apart. `places`: see PartGraph.
 std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part,
-                                  Progress& progress) {
-    std::vector<Index> result = PartGraph(surface, part).nearest_of_rim(progress);
+                                  std::vector<Index>& places, Progress& progress) {
+    std::vector<Index> result = PartGraph(surface, part, places, progress).nearest_of_rim(progress);
     std::vector<Index> unreached;
     for (std::size_t k = 0; k < result.size(); ++k)
         if (result[k] < 0) unreached.push_back(part.rows[k]);
@@ -233,38 +272,99 @@ std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart&
     return result;
 }
 
+/// What isn't lost, and each part that is, in trees of their own: so the nearest row outside of a
+/// part is found without another tree for each.
+class PartTrees {
+public:
+    PartTrees(const Positions& positions, std::span<const LostPart> parts, Progress& progress)
+        : positions_(positions), part_of_(to_size(positions.rows()), -1) {
+        for (std::size_t p = 0; p < parts.size(); ++p)
+            for (const Index row : parts[p].rows) part_of_[to_size(row)] = to_index(p);
+        std::vector<std::vector<Index>> rows(parts.size() + 1);  // the first: what isn't lost
+        for (Index i = 0; i < to_index(part_of_.size()); ++i)
+            rows[to_size(part_of_[to_size(i)] + 1)].push_back(i);
+        for (std::vector<Index>& some : rows) {
+            if (!progress.poll()) progress.throw_if_cancelled();
+            const Positions places = gather(positions, some);
+            trees_.push_back({std::move(some), KdTree<3>(places), to_index(trees_.size()) - 1});
+        }
+    }
+
+    /// −1: it isn't lost.
+    Index part_of(Index row) const { return trees_[to_size(part_of_[to_size(row)] + 1)].part; }
+    void join(Index part, Index into) {
+        for (Tree& tree : trees_)
+            if (tree.part == part) tree.part = into;
+    }
+
+    /// The nearest row outside of a part to each of its rows; none where all rows are of it.
+    std::vector<Index> beside(std::span<const Index> rows, Index part, Progress& progress) const {
+        std::vector<Index> result(rows.size(), -1);
+        parallel_for(to_index(rows.size()), progress, [&](Index begin, Index end) {
+            for (std::size_t k = to_size(begin); k < to_size(end); ++k)
+                result[k] = outside(rows[k], part);
+        });
+        if (std::ranges::find(result, -1) != result.end()) result.clear();
+        return result;
+    }
+
+private:
+    struct Tree {
+        std::vector<Index> rows;
+        KdTree<3> tree;
+        Index part;  ///< that its rows are of by now
+    };
+
+    Index outside(Index row, Index part) const {
+        Index result = -1, found = 0;
+        double nearest = std::numeric_limits<double>::infinity(), squared = 0.0;
+        for (const Tree& tree : trees_) {
+            if (tree.part == part || tree.rows.empty()) continue;
+            const double* const place = positions_.row(row).data();
+            const Index count =
+                result < 0 ? tree.tree.nearest(place, {&found, 1}, {&squared, 1})
+                           : tree.tree.nearest_within(place, nearest, {&found, 1}, {&squared, 1});
+            if (count == 0) continue;
+            result = tree.rows[to_size(found)];
+            nearest = std::sqrt(squared);
+        }
+        return result;
+    }
+
+    const Positions& positions_;
+    std::vector<Index> part_of_;  ///< as they were found
+    std::vector<Tree> trees_;
+};
+
 /// Joins what lies loose, such as a foot that is no one piece with the leg, to what is lost beside
 /// it, or lays its rim where it is nearest to what isn't lost.
-void join_loose(const SampledSurface& surface, std::vector<LostPart>& parts, double spacing) {
+void join_loose(const SampledSurface& surface, std::vector<LostPart>& parts, double spacing,
+                Progress& progress) {
     constexpr double kBeside = 2.0;  // spacings farther than the nearest of it
-    std::vector<Index> part_of(to_size(surface.size()), -1);
-    for (std::size_t p = 0; p < parts.size(); ++p)
-        for (const Index row : parts[p].rows) part_of[to_size(row)] = to_index(p);
+    if (std::ranges::none_of(parts, [](const LostPart& part) { return part.rim.empty(); })) return;
+    PartTrees trees(surface.positions, parts, progress);
     for (std::size_t p = 0; p < parts.size(); ++p) {
         LostPart& loose = parts[p];
         if (!loose.rim.empty()) continue;
-        std::vector<Index> others;
-        for (Index i = 0; i < surface.size(); ++i)
-            if (part_of[to_size(i)] != to_index(p)) others.push_back(i);
-        if (others.empty()) continue;
-        const Positions own = gather(surface.positions, loose.rows),
-                        all = gather(surface.positions, others);
-        const std::vector<Index> nearest = nearest_rows(KdTree<3>(all), own);
-        const Values gaps = (own - gather(all, nearest)).rowwise().norm();
+        const std::vector<Index> beside = trees.beside(loose.rows, to_index(p), progress);
+        if (beside.empty()) continue;
+        const Values gaps =
+            (gather(surface.positions, loose.rows) - gather(surface.positions, beside))
+                .rowwise()
+                .norm();
         Index closest = 0;
         const double most = gaps.minCoeff(&closest) + kBeside * spacing;
-        const auto beside = [&](Index k) { return others[to_size(nearest[to_size(k)])]; };
-        const Index into = part_of[to_size(beside(closest))];
-        for (Index k = 0; k < to_index(loose.rows.size()); ++k) {
-            if (gaps[k] > most || part_of[to_size(beside(k))] != into) continue;
-            loose.links.push_back({loose.rows[to_size(k)], beside(k)});
-            if (into < 0) loose.rim.push_back(beside(k));
+        const Index into = trees.part_of(beside[to_size(closest)]);
+        for (std::size_t k = 0; k < beside.size(); ++k) {
+            if (gaps[to_index(k)] > most || trees.part_of(beside[k]) != into) continue;
+            loose.links.push_back({loose.rows[k], beside[k]});
+            if (into < 0) loose.rim.push_back(beside[k]);
         }
         std::ranges::sort(loose.rim);
         loose.rim.erase(std::unique(loose.rim.begin(), loose.rim.end()), loose.rim.end());
         if (into < 0) continue;
         LostPart& with = parts[to_size(into)];
-        for (const Index row : loose.rows) part_of[to_size(row)] = into;
+        trees.join(to_index(p), into);
         with.rows.insert(with.rows.end(), loose.rows.begin(), loose.rows.end());
         with.links.insert(with.links.end(), loose.links.begin(), loose.links.end());
         loose = {};
@@ -272,8 +372,7 @@ void join_loose(const SampledSurface& surface, std::vector<LostPart>& parts, dou
 }
 
 bool has_feature(const LostPart& part, std::span<const Index> marked) {
-    return std::ranges::any_of(part.rows,
-                               [&](Index i) { return std::ranges::binary_search(marked, i); });
+    return std::ranges::any_of(part.rows, [&](Index i) { return is_among(i, marked); });
 }
 
 /// Whether all of it lies at ends already.
@@ -314,8 +413,10 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pair
     const double at_end = kAtEnd * median(local_spacing(map.whole.positions, map.whole.nearest));
     std::vector<Index> end_of(to_size(map.whole.size()), -1);
     Index count = 0;
-    std::vector<LostPart> parts = lost_parts(map, distances_from_images(map, progress), progress);
-    join_loose(map.whole, parts, at_end / kAtEnd);
+    std::vector<LostPart> parts =
+        lost_parts(map, distances_from_images(map, progress), marked, progress);
+    join_loose(map.whole, parts, at_end / kAtEnd, progress);
+    std::vector<Index> places(end_of.size(), -1);
     for (const LostPart& part : parts) {
         if (part.rim.empty() || has_feature(part, marked) || is_there(part, map)) continue;
         const Positions rim = gather(map.whole.positions, part.rim);
@@ -323,7 +424,7 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pair
         const Values gaps = (rim - gather(ends, end_of_rim)).rowwise().norm();
         const auto near = (gaps.array() < at_end).count();
         if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) continue;
-        const std::vector<Index> beside = nearest_of_rim(map.whole, part, progress);
+        const std::vector<Index> beside = nearest_of_rim(map.whole, part, places, progress);
         for (std::size_t k = 0; k < part.rows.size(); ++k)
             end_of[to_size(part.rows[k])] = map.ends[to_size(end_of_rim[to_size(beside[k])])];
         count += to_index(part.rows.size());

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <initializer_list>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -151,6 +152,28 @@ TEST(LostParts, TakeInWhatAStrayImageComesNear) {
     expect_at_ends(shapes, shapes.joined(shapes.ends, {}), kCut + 4.0 * shapes.spacing);
 }
 
+TEST(LostParts, LeaveAMarkThatTheySurround) {
+    FoldedBack shapes;
+    Index lowest = 0, above = 0;
+    shapes.part.col(2).minCoeff(&lowest);
+    (shapes.whole.col(2).array() - 4.0 * kCut).abs().minCoeff(&above);
+    shapes.map.source_images.row(lowest) = shapes.elsewhere.row(above);
+    const Refinement joined = shapes.joined(shapes.ends, {point_feature("spot", lowest, above)});
+    EXPECT_EQ(joined.target_images.row(above), shapes.map.target_images.row(above));
+    const Positions ends = gather(shapes.part, shapes.ends);
+    const std::vector<Index> nearest = nearest_rows(KdTree<3>(ends), joined.target_images);
+    constexpr double kFar = 12.0;  // spacings: what is near the image is no farther from it than 2
+    int far = 0;
+    for (Index i = 0; i < kCount; ++i) {
+        const double away = (shapes.whole.row(i) - shapes.whole.row(above)).norm();
+        if (shapes.whole(i, 2) < kCut + 4.0 * shapes.spacing || away < kFar * shapes.spacing)
+            continue;
+        EXPECT_EQ(joined.target_images.row(i), ends.row(nearest[to_size(i)])) << i;
+        ++far;
+    }
+    EXPECT_GT(far, 500);
+}
+
 TEST(LostParts, LeaveAllThatIsLeftEvenIfTheySurroundIt) {
     constexpr double kLow = -2.4;  // a small part of the whole
     const FoldedBack shapes(kLow);
@@ -176,6 +199,46 @@ TEST(LostParts, TakeWhatLiesLooseBesideThem) {
     for (Index i = 0; i < kCount; ++i) {
         const double from_axis = shapes.whole.row(i).head<2>().norm();
         if (shapes.whole(i, 2) < kLoose || from_axis < 0.3) continue;
+        EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
+            << i;
+    }
+}
+
+/// With no neighbors across heights of the whole, as if it were pieces.
+void take_apart(FoldedBack& shapes, std::initializer_list<double> heights) {
+    Positions apart = shapes.whole;
+    for (Index i = 0; i < kCount; ++i)
+        for (const double height : heights)
+            if (shapes.whole(i, 2) > height) apart(i, 0) += 10.0;
+    Progress progress;
+    shapes.whole_nearest = nearest_neighbors(KdTree<3>(apart), 16, progress);
+}
+
+TEST(LostParts, LieLooseBesideWhatIsNotLost) {
+    FoldedBack shapes;
+    // Beneath, points that are too near to be a part.
+    const double above = kCut + 3.5 * shapes.spacing;
+    take_apart(shapes, {above});
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    expect_at_ends(shapes, joined, above);
+    for (Index i = 0; i < kCount; ++i)
+        if (shapes.whole(i, 2) < above) {
+            EXPECT_EQ(joined.target_images.row(i), shapes.map.target_images.row(i)) << i;
+        }
+}
+
+TEST(LostParts, LieLooseBesideOneAnother) {
+    FoldedBack shapes;
+    constexpr double kLower = 3.0 * kCut, kUpper = 4.0 * kCut;
+    take_apart(shapes, {kLower, kUpper});
+    // Both are nearer to each other than to the rest.
+    for (Index i = 0; i < kCount; ++i)
+        if (shapes.whole(i, 2) > kLower) shapes.elsewhere(i, 2) += 5.0 * shapes.spacing;
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    expect_at_ends(shapes, joined, kCut + 4.0 * shapes.spacing);
+    for (Index i = 0; i < kCount; ++i) {
+        const double from_axis = shapes.whole.row(i).head<2>().norm();
+        if (shapes.whole(i, 2) < kLower || from_axis < 0.3) continue;
         EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
             << i;
     }
@@ -221,6 +284,38 @@ TEST(LostParts, CanBeCanceled) {
     EXPECT_THROW(send_lost_parts_to_ends(map, {shapes.of_part(), shapes.ends},
                                          {shapes.of_whole(), {}}, {}, progress),
                  Cancelled);
+}
+
+/// How often it is asked whether to end, on one thread, if the answer is yes at number `last`.
+int times_asked(const FoldedBack& shapes, int last) {
+    const ThreadCount one(1);
+    int asked = 0;
+    Progress progress([&](std::string_view, double) { return ++asked < last; },
+                      std::chrono::milliseconds(0));
+    Refinement map = shapes.map;
+    const auto send = [&] {
+        send_lost_parts_to_ends(map, {shapes.of_part(), shapes.ends}, {shapes.of_whole(), {}}, {},
+                                progress);
+    };
+    try {
+        send();
+        EXPECT_LT(asked, last);
+    } catch (const Cancelled&) {
+        EXPECT_EQ(asked, last);
+        EXPECT_EQ(map.target_images, shapes.map.target_images);
+    }
+    return asked;
+}
+
+TEST(LostParts, CanBeCanceledWhereverTheyAskAndAskAboutEachLoosePiece) {
+    constexpr int kNever = 1'000'000;
+    FoldedBack shapes;
+    const int of_one = times_asked(shapes, kNever);
+    take_apart(shapes, {2.0 * kCut, 2.5 * kCut, 3.0 * kCut, 3.5 * kCut, 4.0 * kCut, 4.5 * kCut});
+    const int all = times_asked(shapes, kNever);
+    // When it is found, when its tree is made, and when what lies beside it is looked for.
+    EXPECT_GE(all, of_one + 3 * 6);
+    for (int last = 1; last <= all; ++last) EXPECT_EQ(times_asked(shapes, last), last);
 }
 
 TEST(LostParts, WhatTheCallbackThrowsIsThrown) {
