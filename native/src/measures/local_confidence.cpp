@@ -78,7 +78,7 @@ struct JudgedWay {
     std::vector<Index> feet;  ///< the node of the other cloud next to each, on its side
     const std::vector<Index>& rows_of_others;
     Eigen::MatrixXd OtherMaps::*others;
-    std::vector<char> alone{};      ///< of each node, whether it's known to have no counterpart
+    std::vector<char> alone{};      ///< of each node, whether it is known to have no counterpart
     std::vector<char> unreached{};  ///< whether none of the other cloud's images is near, nor near
                                     ///< some nodes around it
 };

@@ -171,6 +171,7 @@ struct LiveMorph::State {
     Values heights{};                       ///< of images above these
     Diagnostics judged{};                   ///< what is known of the map, in given rows
     std::vector<std::string> warnings{};    ///< of the shapes, whatever is marked
+    Diagnostics found_loose{};              ///< pieces that these tell of, unless `judged` has them
     double spacing = 0.0;                   ///< of the source's samples
 
     std::vector<Feature> sorted(const std::vector<Feature>& features) const;
@@ -216,6 +217,8 @@ void LiveMorph::State::find_groups(const RefinementStart& start, Progress& progr
     for (std::string& words :
          components_in_words(matching, *groups, {s.topology, s.name}, {t.topology, t.name}))
         warnings.push_back(std::move(words));
+    found_loose.source_loose = groups->source.loose;
+    found_loose.target_loose = groups->target.loose;
 }
 
 void LiveMorph::State::find_offsets(const RefinementStart& start, Progress& progress) {
@@ -289,7 +292,10 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph*
     state->follow(progress);
     state->judged = judged ? judged->report_.diagnostics : unjudged();
     // The morph's clouds are as it has made them: only it knows what was amiss with them.
-    if (judged) state->warnings = judged->warnings_of_shapes();
+    if (judged) {
+        state->warnings = judged->warnings_of_shapes();
+        state->found_loose = {};
+    }
     progress.finish();
     state_ = std::move(state);
 }
@@ -376,6 +382,8 @@ FoundMap LiveMorph::State::found(MorphInput changed, Refinement refined,
     result.pairs = std::move(refined.pairs);
     result.images = {std::move(refined.source_images), std::move(refined.target_images)};
     result.facts.diagnostics = std::move(refined.diagnostics);
+    result.facts.diagnostics.source_loose = found_loose.source_loose;
+    result.facts.diagnostics.target_loose = found_loose.target_loose;
     result.warnings = warnings;
     judge_normals(refined.inside_out, shapes.source, shapes.target, result);
     PreparedShapes outward = shapes;

@@ -92,14 +92,8 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
                                                   {target.topology, target.name}))
         warnings.push_back(std::move(words));
     const ComponentMarks marks{groups, input.features};
-    const auto loose = [](const GroupedPoints& points) {
-        std::vector<Index> rows;
-        for (std::size_t i = 0; i < points.anchors.size(); ++i)
-            if (points.anchors[i] >= 0) rows.push_back(to_index(i));
-        return rows;
-    };
-    whole.diagnostics.source_loose = loose(groups.source);
-    whole.diagnostics.target_loose = loose(groups.target);
+    whole.diagnostics.source_loose = groups.source.loose;
+    whole.diagnostics.target_loose = groups.target.loose;
     const Refinement by_group = mapped_by_group(whole, source_view, target_view, marks,
                                                 {options.components, options.refinement}, progress);
     return kept_apart(by_group,

@@ -290,7 +290,9 @@ GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
             points.anchors[to_size(own[k])] = beside[k];
             points.groups[to_size(own[k])] = points.groups[to_size(beside[k])];
         }
+        if (component < main) points.loose.insert(points.loose.end(), own.begin(), own.end());
     }
+    std::ranges::sort(points.loose);
     return points;
 }
 

@@ -31,6 +31,11 @@ Diagnostics Diagnostics::followed_by(const Diagnostics& later) const {
     Diagnostics result = *this;
     result.starts.insert(result.starts.end(), later.starts.begin(), later.starts.end());
     result.start_taken = starts.size() + later.start_taken;
+    const auto add = [](std::vector<Index>& rows, const std::vector<Index>& more) {
+        rows.insert(rows.end(), more.begin(), more.end());
+    };
+    add(result.source_loose, later.source_loose);
+    add(result.target_loose, later.target_loose);
     return result;
 }
 

@@ -6,16 +6,19 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "checks.hpp"
+#include "joined_shapes.hpp"
 #include "mesh_shapes.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
 #include "registration/watched_options.hpp"
+#include "shapes.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
@@ -218,6 +221,45 @@ TEST(LiveMorph, ShapesInSeveralPartsKeepThemApart) {
     const Positions images = updated.source_to_target(progress);
     for (Index i = 0; i < given.source.size(); ++i)
         EXPECT_EQ(given.source.positions(i, 0) > 1.3, images(i, 0) > 1.2) << i;
+}
+
+TEST(LiveMorph, LoosePiecesGoWithTheWarningsThatTellOfThem) {
+    SKIP_WHERE_WATCHED();
+    // An egg with a hat, and dust beside it; and another one without either.
+    constexpr Index kHat = 100, kDust = 3;
+    MorphInput input = eggs(kFewer, kFewest);
+    Positions hat = shapes::sphere(kHat) * 0.35;
+    hat.col(2) =
+        0.05 * hat.col(2).array() + 1.08 - 0.5 * hat.leftCols(2).rowwise().squaredNorm().array();
+    const Positions dust =
+        (shapes::sphere(kDust) * 0.01).rowwise() + Eigen::RowVector3d(0.0, 0.0, -1.05);
+    input.source.positions = shapes::together({input.source.positions, hat, dust});
+    input.source_parts.assign(to_size(kFewer), 0);
+    input.source_parts.insert(input.source_parts.end(), to_size(kHat), 1);
+    input.source_parts.insert(input.source_parts.end(), to_size(kDust), 2);
+    std::vector<Index> of_hat(to_size(kHat));
+    std::iota(of_hat.begin(), of_hat.end(), kFewer);
+    const auto expect_told = [&](const MorphReport& report) {
+        EXPECT_TRUE(checks::mentions(report.warnings, "1 piece of egg (100 points) has no "));
+        std::vector<Index> rows = report.diagnostics.source_loose;
+        std::ranges::sort(rows);
+        EXPECT_EQ(rows, of_hat);
+        EXPECT_TRUE(report.diagnostics.target_loose.empty());
+    };
+    Progress progress;
+    const Morph morph(MorphInput(input), {}, progress);
+    ASSERT_EQ(morph.report().source_topology.main().size(), 2u);
+    ASSERT_EQ(morph.report().source_topology.strays, 1);
+    expect_told(morph.report());
+    const auto changed = with_top_at(input.features, input.target, 0.35);
+    const Morph updated = morph.updated(changed, progress);
+    ASSERT_EQ(updated.report().update, "updated");
+    expect_told(updated.report());
+    // Of a map that was given, pieces and warnings are found again.
+    input.start = {morph.source_to_target(progress), morph.target_to_source(progress)};
+    const Morph given = LiveMorph(std::move(input), {}, progress).updated(changed, progress);
+    ASSERT_EQ(given.report().update, "updated");
+    expect_told(given.report());
 }
 
 TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {

@@ -6,7 +6,9 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <string>
+#include <vector>
 
 #include "checks.hpp"
 #include "joined_shapes.hpp"
@@ -47,6 +49,12 @@ Topology topology_of(std::vector<Index> sizes) {
 
 ComponentView view(const Topology& topology, const Positions& positions, const Positions& images) {
     return {topology, positions, positions, images};
+}
+
+std::vector<Index> rows_from(Index begin, Index end) {
+    std::vector<Index> rows(to_size(end - begin));
+    std::iota(rows.begin(), rows.end(), begin);
+    return rows;
 }
 
 TEST(Components, AreMatchedByPlaceAndSize) {
@@ -231,6 +239,8 @@ TEST(Components, WithoutRoomGoWithWhatIsNearest) {
     EXPECT_EQ(groups.joined, std::vector<char>{0});
     std::vector<Index> of_plate, of_kernel;
     for (Index i = 0; i < 900; ++i) EXPECT_EQ(groups.source.anchors[to_size(i)], -1);
+    EXPECT_EQ(groups.source.loose, rows_from(900, 1100));
+    EXPECT_TRUE(groups.target.loose.empty());
     for (Index i = 900; i < 1100; ++i)
         (i < 1000 ? of_plate : of_kernel).push_back(groups.source.anchors[to_size(i)]);
     // The plate lies on the points under it; they would tear the kernel, which goes to one of them.
@@ -241,6 +251,23 @@ TEST(Components, WithoutRoomGoWithWhatIsNearest) {
     EXPECT_TRUE(
         checks::mentions(components_in_words(m, groups, {s, one}, {t, two}),
                          "2 pieces of one (200 points) have no counterpart and shrink into"));
+}
+
+TEST(Components, ThatAreStraysAreNotToldOf) {
+    Progress progress;
+    // A plate that lies on a ball, and a speck on it.
+    Topology s = topology_of({900, 100, 5});
+    s.strays = 1;
+    const Topology t = topology_of({900});
+    const Positions body = ball(900, 1, 0, 0, 0);
+    const Positions source = together({body, ball(100, 0.2, 0, 0, 1.1), ball(5, 0.02, 0, 0, -1)});
+    const Positions images = source.rowwise().normalized();
+    const ComponentView from = view(s, source, images), onto = view(t, body, body);
+    const ComponentMatching m = match_components(from, onto, {}, {}, {}, progress);
+    const ComponentGroups groups = group_components(from, onto, m, {}, progress);
+    for (Index i = 900; i < 1005; ++i) EXPECT_GE(groups.source.anchors[to_size(i)], 0) << i;
+    EXPECT_EQ(groups.source.loose, rows_from(900, 1000));
+    EXPECT_EQ(groups.source_vanishing, std::vector<Index>{1});
 }
 
 TEST(Components, WithRoomOfTheirOwnKeepTheirPlace) {

@@ -68,6 +68,8 @@ struct GroupedPoints {
     /// −1, or for what has no counterpart and no room: the point of the same shape that it goes
     /// with, and whose group it has.
     std::vector<Index> anchors;
+    /// Rows with an anchor, but for strays: those that components_in_words() tells of.
+    std::vector<Index> loose;
 };
 
 struct ComponentGroups {

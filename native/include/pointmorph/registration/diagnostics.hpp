@@ -44,7 +44,8 @@ struct Diagnostics {
                           std::span<const Index> target_rows) const;
 
     /// After another registration that began where this one ended: what was found on the way to the
-    /// first map still holds; the starts of both are listed, and the later one's was taken.
+    /// first map still holds; the starts and loose pieces of both are listed, and the later one's
+    /// start was taken.
     Diagnostics followed_by(const Diagnostics& later) const;
 };
 
