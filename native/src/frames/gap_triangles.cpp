@@ -211,10 +211,6 @@ bool Wideness::is_more_than(double radius) const {
     return b * std::sqrt(c) > radius * (b + c - a);
 }
 
-bool is_wider(const Positions& positions, const GapTriangle& corners, double radius) {
-    return Wideness(positions, corners).is_more_than(radius);
-}
-
 namespace {
 
 /// Triangles side by side, for loops that the compiler vectorizes.
@@ -238,7 +234,7 @@ POINTMORPH_INLINE bool is_surely_narrow(const RoughCorner& first, const RoughCor
     // No square is off by more: edges, which aren't longer than 3.5 radii, are off by the
     // roughness.
     const float off = 8.0F * kRoughness * radius + 2e-5F * limit + kRoughness * kRoughness;
-    // As in is_wider(), with room for what all squares may be off. Nobody can foresee how a
+    // As in Wideness, with room for what all squares may be off. Nobody can foresee how a
     // triangle is shaped, so that it takes longer to choose a test than to do all.
     const float acute = a + b - c;
     const float area = 2.0F * (a * b + b * c + c * a) - a * a - b * b - c * c;

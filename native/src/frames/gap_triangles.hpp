@@ -88,9 +88,6 @@ private:
     std::array<double, 3> squares_;  ///< of edges, ascending
 };
 
-/// Whether some place of a triangle is farther than `radius` from all corners.
-bool is_wider(const Positions& positions, const GapTriangle& corners, double radius);
-
 /// A place in the unit ball, and the spacing there: all that is needed to see that most triangles
 /// are narrow, at a quarter of the memory traffic.
 using RoughCorner = std::array<float, 4>;
@@ -100,9 +97,9 @@ constexpr float kRoughness = 2e-7F;
 /// So many triangles are looked at side by side.
 constexpr std::size_t kTrianglesAtOnce = 64;
 /// Which of some triangles surely are no wider than `radius` mean spacings of their corners: then
-/// is_wider() of that is false. The lowest bit tells it of the first. Where it isn't sure,
-/// is_wider() has to be asked. There are kTrianglesAtOnce or fewer; `wide`: in wide registers, with
-/// the same result.
+/// Wideness::is_more_than() of that is false. The lowest bit tells it of the first. Where it isn't
+/// sure, Wideness has to be asked. There are kTrianglesAtOnce or fewer; `wide`: in wide registers,
+/// with the same result.
 std::uint64_t surely_narrow(std::span<const RoughCorner> rough,
                             std::span<const GapTriangle> triangles, float radius, bool wide = true);
 
@@ -161,10 +158,10 @@ std::uint64_t near_corners(const SampledCorners& corners, const SomeSamples& sam
                            bool wide = true);
 
 /// Calls `take(samples)` with uniform samples of a triangle's bounding rectangle, those inside,
-/// until it returns false.
+/// some at a time, until it returns false.
 template <class Take>
-void each_samples(const GapTriangle& triangle, const Positions& positions,
-                  const SampleDistance& distance, Take&& take) {
+void each_few_samples(const GapTriangle& triangle, const Positions& positions,
+                      const SampleDistance& distance, Take&& take) {
     const BoundingRectangle box(triangle, positions);
     if (!(box.width > 0.0)) return;
     const double columns = distance.samples_along(box.width);
@@ -182,17 +179,6 @@ void each_samples(const GapTriangle& triangle, const Positions& positions,
         }
     }
     if (samples.count > 0) take(samples);
-}
-
-/// The same one by one.
-template <class Take>
-void each_sample(const GapTriangle& triangle, const Positions& positions,
-                 const SampleDistance& distance, Take&& take) {
-    each_samples(triangle, positions, distance, [&](const SomeSamples& samples) {
-        for (std::size_t i = 0; i < samples.count; ++i)
-            if (!take(samples[i])) return false;
-        return true;
-    });
 }
 
 }  // namespace pointmorph

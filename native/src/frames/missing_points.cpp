@@ -145,7 +145,7 @@ std::vector<OpenTriangle> MissingPoints::open_triangles(const FrameSample& sampl
                     continue;
                 const bool is_gap = wideness.is_more_than(kGap * mean);
                 found[to_size(begin / kChunk)].push_back(
-                    {i, is_gap ? samples_wanted(sample, corners) : 0.0});
+                    {i, is_gap, is_gap ? samples_wanted(sample, corners) : 0.0});
             }
         }
     };
@@ -272,14 +272,14 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
             holds_sparse[to_size(chosen_[to_size(sample.ids[a])].triangle)] = 1;
     std::vector<Gap> result;
     double all = 0.0;
-    for (const auto& [number, samples] : open) {
+    for (const auto& [number, leaves_gap, samples] : open) {
         const GapTriangle& corners = triangles_[to_size(number)];
         const bool lacks_points =
             holds_sparse[to_size(number)] ||
             std::ranges::any_of(corners, [&](Index row) { return sparse[to_size(row)]; });
-        if (!lacks_points && samples == 0.0) continue;
+        if (!lacks_points && !leaves_gap) continue;
         result.push_back({number, lacks_points});
-        all += samples > 0.0 ? samples : samples_wanted(sample, corners);
+        all += leaves_gap ? samples : samples_wanted(sample, corners);
     }
     const double finer = 1.0 / resampling_.options().spacing;
     const double most =
@@ -316,10 +316,10 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
     const auto counts = [&](Index row) {
         return row < sample.pairs || !dead[to_size(row - sample.pairs)];
     };
-    // Where the corners' normals are this close, the normal at any place lies between them, on the
-    // side of all.
+    // Where the corners' normals are this close, the normal at any place lies between them, and the
+    // triangle's own doesn't count: what is on the side of all three is on its side.
     constexpr double kAlike = 0.75;   // cosine
-    constexpr double kSurely = 0.04;  // by which the triangle's own may pull it away
+    constexpr double kSurely = 0.04;  // more than rounding takes away
     const auto [a, b, c] = corners;
     const auto& normals = sample.normals;
     const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
@@ -366,31 +366,34 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
         covering.front() = number;
         return false;
     };
-    each_samples(corners, sample.positions, {step_in(sample, corners), coarser_},
-                 [&](const SomeSamples& some) {
-                     SampledCorners at;
-                     for (std::size_t k = 0; k < 3; ++k) {
-                         at.places[k] = sample.positions.row(some.corners[k]).transpose();
-                         at.spacing[k] = sample.spacing[some.corners[k]];
-                     }
-                     const std::uint64_t near = near_corners(at, some, radius);
-                     std::uint64_t rest = ~std::uint64_t{0} >> (SomeSamples::kMost - some.count);
-                     if (are_alike) rest &= ~near;
-                     for (; rest != 0; rest &= rest - 1) {
-                         const int i = std::countr_zero(rest);
-                         const InsertedPoint point = some[to_size(i)];
-                         if (is_empty(point, ((near >> i) & 1) != 0) && !take(point)) return false;
-                     }
-                     return true;
-                 });
+    each_few_samples(corners, sample.positions, {step_in(sample, corners), coarser_},
+                     [&](const SomeSamples& some) {
+                         SampledCorners at;
+                         for (std::size_t k = 0; k < 3; ++k) {
+                             at.places[k] = sample.positions.row(some.corners[k]).transpose();
+                             at.spacing[k] = sample.spacing[some.corners[k]];
+                         }
+                         const std::uint64_t near = near_corners(at, some, radius);
+                         std::uint64_t rest =
+                             ~std::uint64_t{0} >> (SomeSamples::kMost - some.count);
+                         if (are_alike) rest &= ~near;
+                         for (; rest != 0; rest &= rest - 1) {
+                             const int i = std::countr_zero(rest);
+                             const InsertedPoint point = some[to_size(i)];
+                             if (is_empty(point, ((near >> i) & 1) != 0) && !take(point))
+                                 return false;
+                         }
+                         return true;
+                     });
 }
 
 std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& sample,
                                                             std::span<const OpenTriangle> open,
                                                             std::span<const char> dead,
                                                             Progress& progress) {
-    constexpr Numbers kNone{-1};
-    nearest_.resize(pairs_.size() + chosen_.size(), kNone);
+    Numbers none;
+    none.fill(-1);
+    nearest_.resize(pairs_.size() + chosen_.size(), none);
     constexpr Index kChunk = 64, kAhead = 4;
     const std::vector<Gap> found_gaps = gaps(sample, open, dead, progress);
     const auto count = to_index(found_gaps.size());

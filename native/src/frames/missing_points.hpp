@@ -77,7 +77,8 @@ double density(const FrameSample& sample, Index row);
 /// One with corners so far apart that discs around them may leave a gap.
 struct OpenTriangle {
     Index number;
-    double samples;  ///< to be tried in it; 0: no gap is left by discs of one spacing
+    bool leaves_gap;  ///< discs of one spacing may, too
+    double samples;   ///< to be tried in it, if so
 };
 
 /// Finds empty places: in triangles of which a corner, or an inserted point, fails the density

@@ -53,14 +53,28 @@ double widest(const Positions& corners) {
     return result;
 }
 
+bool is_wider(const Positions& corners, double radius) {
+    return Wideness(corners, kCorners).is_more_than(radius);
+}
+
+/// One by one, until `take(point)` returns false.
+template <class Take>
+void each_sample(const Positions& corners, const SampleDistance& distance, Take&& take) {
+    each_few_samples(kCorners, corners, distance, [&](const SomeSamples& samples) {
+        for (std::size_t i = 0; i < samples.count; ++i)
+            if (!take(samples[i])) return false;
+        return true;
+    });
+}
+
 TEST(GapTriangles, AreWiderThanWhatDenseSamplesSay) {
     std::mt19937_64 random(1);
     for (int trial = 0; trial < 100; ++trial) {
         const Positions corners = random_triangle(random);
         const double width = widest(corners);
-        EXPECT_TRUE(is_wider(corners, kCorners, 0.995 * width)) << corners;
+        EXPECT_TRUE(is_wider(corners, 0.995 * width)) << corners;
         // No sample lies further than a step from the place that is the farthest.
-        EXPECT_FALSE(is_wider(corners, kCorners, 1.015 * width)) << corners;
+        EXPECT_FALSE(is_wider(corners, 1.015 * width)) << corners;
     }
 }
 
@@ -117,9 +131,9 @@ TEST(GapTriangles, AreSurelyNarrowOnlyIfTheyAreAndMostlyThen) {
             const double radius = kRadius * spacing.mean();
             const bool sure = is_surely_narrow(rough(0), rough(1), rough(2), 0.85F);
             if (sure) {
-                ASSERT_FALSE(is_wider(corners, kCorners, radius)) << corners;
+                ASSERT_FALSE(is_wider(corners, radius)) << corners;
             }
-            if (is_wider(corners, kCorners, 0.97 * radius)) continue;
+            if (is_wider(corners, 0.97 * radius)) continue;
             ++narrow;
             seen += sure ? 1 : 0;
         }
@@ -139,10 +153,10 @@ TEST(GapTriangles, OfNoExtentOrSpacingAreNotSurelyNarrow) {
 
 TEST(GapTriangles, OfNoExtentAreWiderThanNothing) {
     const Positions corners = Positions::Ones(3, 3);
-    EXPECT_FALSE(is_wider(corners, kCorners, 1e-9));
+    EXPECT_FALSE(is_wider(corners, 1e-9));
     EXPECT_EQ(edge_length(corners, kCorners), 0.0);
     int taken = 0;
-    each_sample(kCorners, corners, {0.1}, [&](const InsertedPoint&) { return ++taken > 0; });
+    each_sample(corners, {0.1}, [&](const InsertedPoint&) { return ++taken > 0; });
     EXPECT_EQ(taken, 0);
 }
 
@@ -175,7 +189,7 @@ TEST(GapTriangles, AreSampledEvenlyAndInsideAlone) {
     for (int trial = 0; trial < 50; ++trial) {
         const Positions corners = random_triangle(random);
         std::vector<Vector3> samples;
-        each_sample(kCorners, corners, {kSpacing}, [&](const InsertedPoint& point) {
+        each_sample(corners, {kSpacing}, [&](const InsertedPoint& point) {
             EXPECT_GE(*std::ranges::min_element(point.weights), 0.0);
             EXPECT_NEAR(point.weights[0] + point.weights[1] + point.weights[2], 1.0, 1e-12);
             samples.push_back(blend(corners, point));
@@ -206,7 +220,7 @@ TEST(GapTriangles, AreSampledEvenlyAndInsideAlone) {
 TEST(GapTriangles, AreLeftWhenEnoughIsTaken) {
     const Positions corners = Positions::Identity(3, 3);
     int taken = 0;
-    each_sample(kCorners, corners, {0.01}, [&](const InsertedPoint&) { return ++taken < 5; });
+    each_sample(corners, {0.01}, [&](const InsertedPoint&) { return ++taken < 5; });
     EXPECT_EQ(taken, 5);
 }
 
@@ -217,7 +231,7 @@ TEST(GapTriangles, HaveSamplesNearTheirCorners) {
     for (int trial = 0; trial < 50; ++trial) {
         const Positions places = random_triangle(random);
         const std::array spacings{spacing(random), spacing(random), spacing(random)};
-        each_samples(kCorners, places, {0.1}, [&](const SomeSamples& samples) {
+        each_few_samples(kCorners, places, {0.1}, [&](const SomeSamples& samples) {
             SampledCorners corners;
             for (std::size_t c = 0; c < 3; ++c) {
                 corners.places[c] = places.row(samples.corners[c]).transpose();
