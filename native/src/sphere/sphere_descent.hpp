@@ -21,8 +21,9 @@ namespace pointmorph {
 /// scale for each vertex; 0 at the vertices that are fixed.
 class Smoother {
 public:
-    /// Without weights, which have to be set before all else.
-    Smoother(std::span<const Triangle> triangles, Index count, std::span<const Index> fixed)
+    /// `weights`: see set_weights().
+    Smoother(std::span<const Triangle> triangles, Index count, std::span<const Index> fixed,
+             std::span<const Vector3> weights = {})
         : free_(to_size(count), 0), scales_(Values::Ones(count)) {
         for (const Index f : fixed) free_[to_size(f)] = -1;
         Index unknowns = 0;
@@ -46,10 +47,11 @@ public:
         for (Index& f : free_)
             if (f >= 0) f = cholesky_.permutationP().indices()[f];
         for (Pull& p : pulls_) p.row = cholesky_.permutationP().indices()[p.row];
+        set_weights(weights);
     }
 
     /// Those of the edges across from each triangle's corners, > 0 or nearly; each edge has two.
-    /// None: all are 1. May be called again with others.
+    /// None: all are 1. Takes less time than another smoother.
     void set_weights(std::span<const Vector3> weights) {
         constexpr double kShift = 1e-3, kLeast = 0.05;
         double* const values = matrix_.valuePtr();

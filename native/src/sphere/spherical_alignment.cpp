@@ -380,9 +380,7 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
     std::array<std::optional<Smoother>, 2> smooth;
     parallel_invoke(2, [&](int k, bool) {
         const SphericalMesh& mesh = k == 0 ? source : target;
-        smooth[to_size(k)]
-            .emplace(mesh.triangles, mesh.size(), k == 0 ? on_source : on_target)
-            .set_weights({});
+        smooth[to_size(k)].emplace(mesh.triangles, mesh.size(), k == 0 ? on_source : on_target);
     });
     double apart = kInfinity;
     for (Index step = 0; apart > 0.0 && step < most; ++step, ++steps) {
@@ -443,21 +441,26 @@ private:
         Side(SphericalMesh& moving, const SphericalMesh& other, std::span<const Index> fixed,
              double area_weight)
             : moving_(moving),
-              stretch_(moving, other, area_weight),
-              smooth_(moving.triangles, moving.size(), fixed) {}
+              fixed_(fixed.begin(), fixed.end()),
+              stretch_(moving, other, area_weight) {}
 
         double even_out(Progress& progress) {
             constexpr int kSteps = 30;
             stretch_.look_at_target();
-            smooth_.set_weights(stretch_.stiffness(moving_.images));
-            smooth_.set_scales(stretch_.scales(moving_.images));
-            return descend(moving_.images, moving_.triangles, smooth_, kSteps, stretch_, progress);
+            const std::vector<Vector3> weights = stretch_.stiffness(moving_.images);
+            if (smooth_)
+                smooth_->set_weights(weights);
+            else
+                smooth_.emplace(moving_.triangles, moving_.size(), fixed_, weights);
+            smooth_->set_scales(stretch_.scales(moving_.images));
+            return descend(moving_.images, moving_.triangles, *smooth_, kSteps, stretch_, progress);
         }
 
     private:
         SphericalMesh& moving_;
+        std::vector<Index> fixed_;
         Stretch stretch_;
-        Smoother smooth_;
+        std::optional<Smoother> smooth_;
     };
     std::optional<Side> of_source_, of_target_;
 };

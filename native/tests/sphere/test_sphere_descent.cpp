@@ -66,8 +66,7 @@ TEST(SphereDescent, ASmootherInvertsItsLaplacian) {
     for (std::size_t t = 0; t < ball.triangles.size(); ++t)
         weights.emplace_back(0.2 + 0.1 * static_cast<double>(t % 7), 0.5, 1.0);
     const std::array<Index, 3> fixed{4, 17, 59};
-    Smoother smooth(ball.triangles, ball.size(), fixed);
-    smooth.set_weights(weights);
+    Smoother smooth(ball.triangles, ball.size(), fixed, weights);
     const Values scales = 1.0 + 0.5 * random_directions(ball.size(), 6).col(0).array().abs();
     smooth.set_scales(scales);
 
@@ -96,14 +95,12 @@ TEST(SphereDescent, ASmootherInvertsItsLaplacian) {
     }
     // After other weights, the same to the bit.
     Smoother later(ball.triangles, ball.size(), fixed);
-    later.set_weights({});
     later.set_weights(weights);
     later.set_scales(scales);
     EXPECT_EQ(later(directions), smoothed);
     EXPECT_EQ(later.extended(directions), extended);
     // Without scales, what goes on from the fixed ones pulls at no other.
-    Smoother plain(ball.triangles, ball.size(), fixed);
-    plain.set_weights(weights);
+    const Smoother plain(ball.triangles, ball.size(), fixed, weights);
     const Eigen::MatrixXd pulls = laplacian * plain.extended(directions);
     for (Index v = 0; v < ball.size(); ++v)
         if (std::ranges::find(fixed, v) == fixed.end()) {
@@ -132,8 +129,7 @@ TEST(SphereDescent, FoldsAreWhereATriangleIsTurnedOver) {
 
 TEST(SphereDescent, DescentEndsWhereNothingPullsOrATriangleWouldTurnOver) {
     const HullOnSphere ball(120);
-    Smoother smooth(ball.triangles, ball.size(), {});
-    smooth.set_weights({});
+    const Smoother smooth(ball.triangles, ball.size(), {});
     Progress progress;
     // A turn that leaves all triangles as they are can be followed to its end.
     Matrix3 turn;
