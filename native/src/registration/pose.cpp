@@ -83,11 +83,11 @@ std::vector<Similarity> mistakable(const CoarseShape& shape, const SelfMotions& 
 /// What the poses of maps become by the half turns of the source, and of the target. None near one
 /// of `tried`, and none that contradicts the features.
 std::vector<TrialStart> half_turned(const PoseSearch& search, const std::vector<Similarity>& poses,
-                                    const std::array<std::vector<Similarity>, 2>& half_turns,
+                                    const std::array<std::vector<Similarity>, 2>& turns,
                                     const std::vector<TrialStart>& tried) {
     constexpr double kNear = 0.17;  // radians
     const CoarsePair thin{search.source.thin, search.target.thin, search.features};
-    const auto& [of_source, of_target] = half_turns;
+    const auto& [of_source, of_target] = turns;
     std::vector<TrialStart> starts;
     for (const Similarity& pose : poses) {
         std::vector<Similarity> turned{pose};
@@ -108,8 +108,7 @@ std::vector<TrialStart> half_turned(const PoseSearch& search, const std::vector<
 
 /// Adds the maps from half a turn away that contend, and that nothing like has been found of. Where
 /// the principal axes of a person with raised arms lie askew, no other trial starts in front of it.
-void try_half_turns(const PoseSearch& search,
-                    const std::array<std::vector<Similarity>, 2>& half_turns,
+void try_half_turns(const PoseSearch& search, const std::array<std::vector<Similarity>, 2>& turns,
                     std::vector<TrialStart> tried, std::vector<Trial>& trials, Progress& progress) {
     std::vector<Similarity> poses;
     for (const PoseCluster& cluster :
@@ -117,7 +116,7 @@ void try_half_turns(const PoseSearch& search,
         poses.push_back(implied_pose(search, *cluster.front()));
     for (const Similarity& pose : poses) tried.push_back({pose, {}});
     std::vector<Trial> turned;
-    try_starts(search, half_turned(search, poses, half_turns, tried), turned, progress);
+    try_starts(search, half_turned(search, poses, turns, tried), turned, progress);
     std::erase_if(turned, [&](const Trial& trial) {
         return !contends(search, trial, trials) ||
                std::ranges::any_of(trials, [&](const Trial& other) {
@@ -162,15 +161,15 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
                 starts.push_back({composed(tilt, pose), {}});
     }
     in_part(progress, 0.5, 0.9, [&] { try_starts(search, starts, first.trials, progress); });
-    std::array<std::vector<Similarity>, 2> half_turns;
+    std::array<std::vector<Similarity>, 2> turns;
     in_part(progress, 0.9, 0.92, [&] {
         on_both(progress, [&](bool is_source, Progress&) {
-            half_turns[is_source ? 0 : 1] = is_source ? mistakable(search.source.thin, source)
-                                                      : mistakable(search.target.thin, target);
+            turns[is_source ? 0 : 1] = is_source ? mistakable(search.source.thin, source)
+                                                 : mistakable(search.target.thin, target);
         });
     });
     in_part(progress, 0.92, 1.0,
-            [&] { try_half_turns(search, half_turns, candidates, first.trials, progress); });
+            [&] { try_half_turns(search, turns, candidates, first.trials, progress); });
     return first;
 }
 

@@ -50,6 +50,27 @@ public:
     std::atomic<int> taken{0};
 };
 
+/// How many are taken in 20 ms in which so many threads are at work: one, on a busy machine, that
+/// had been begun before.
+int steps_while_all_work(int threads, const Steps& steps) {
+    std::atomic<int> there{0};
+    std::atomic<bool> seen{false};
+    int moved = 0;
+    parallel_invoke(threads, [&](int, bool owner) {
+        ++there;
+        while (there < threads) std::this_thread::yield();
+        if (owner) {
+            std::this_thread::sleep_for(20ms);
+            const int before = steps.taken;
+            std::this_thread::sleep_for(20ms);
+            moved = steps.taken - before;
+            seen = true;
+        }
+        while (!seen) std::this_thread::yield();
+    });
+    return moved;
+}
+
 TEST(WorkAside, GoesOnWhileAThreadIsIdleAndStandsStillWhileNoneIs) {
     for (const ThreadEngine* engine : thread_engines()) {
         const EngineScope scope(*engine);
@@ -58,27 +79,12 @@ TEST(WorkAside, GoesOnWhileAThreadIsIdleAndStandsStillWhileNoneIs) {
         {
             const WorkAside aside([&](Progress& progress) { steps(progress); });
             steps.wait_for_more();
-            std::atomic<int> there{0};
-            std::atomic<bool> seen{false};
-            int moved = 0;
-            parallel_invoke(2, [&](int, bool owner) {
-                ++there;
-                while (there < 2) std::this_thread::yield();
-                if (owner) {
-                    std::this_thread::sleep_for(20ms);
-                    const int before = steps.taken;
-                    std::this_thread::sleep_for(20ms);
-                    moved = steps.taken - before;
-                    seen = true;
-                }
-                while (!seen) std::this_thread::yield();
-            });
-            EXPECT_LE(moved, 1) << engine->name;  // the step that it was in, on a busy machine
+            EXPECT_LE(steps_while_all_work(2, steps), 1) << engine->name;
             steps.wait_for_more();
             // One of two that has nothing to do any more is idle, the caller or the other.
             Progress progress;
             for (const bool caller_works : {true, false}) {
-                there = 0;
+                std::atomic<int> there{0};
                 parallel_invoke(2, progress, [&](int, Progress& its) {
                     ++there;
                     while (there < 2) std::this_thread::yield();
@@ -174,21 +180,7 @@ TEST(WorkAside, DoesNotBeginBesideOther) {
         const WorkAside other([&](Progress& progress) { others(progress); });
         std::this_thread::sleep_for(100ms);
         // The one that has begun learns that all three are at work.
-        std::atomic<int> there{0}, moved{0};
-        std::atomic<bool> seen{false};
-        parallel_invoke(3, [&](int, bool owner) {
-            ++there;
-            while (there < 3) std::this_thread::yield();
-            if (owner) {
-                std::this_thread::sleep_for(20ms);
-                const int before = steps.taken;
-                std::this_thread::sleep_for(20ms);
-                moved = steps.taken - before;
-                seen = true;
-            }
-            while (!seen) std::this_thread::yield();
-        });
-        EXPECT_LE(moved, 1);
+        EXPECT_LE(steps_while_all_work(3, steps), 1);
     }
     EXPECT_FALSE(others.begun);
     const WorkAside again([&](Progress& progress) { others(progress); });

@@ -185,25 +185,6 @@ TEST(LostParts, LeaveAllThatIsLeftEvenIfTheySurroundIt) {
     expect_at_ends(shapes, joined, kLow + 4.0 * shapes.spacing);
 }
 
-TEST(LostParts, TakeWhatLiesLooseBesideThem) {
-    FoldedBack shapes;
-    constexpr double kLoose = 4.0 * kCut;
-    Positions apart = shapes.whole;
-    for (Index i = 0; i < kCount; ++i)
-        if (apart(i, 2) > kLoose) apart(i, 0) += 10.0;
-    Progress progress;
-    shapes.whole_nearest = nearest_neighbors(KdTree<3>(apart), 16, progress);
-    const Refinement joined = shapes.joined(shapes.ends, {});
-    expect_at_ends(shapes, joined, kCut + 4.0 * shapes.spacing);
-    // On its side of the ring as well.
-    for (Index i = 0; i < kCount; ++i) {
-        const double from_axis = shapes.whole.row(i).head<2>().norm();
-        if (shapes.whole(i, 2) < kLoose || from_axis < 0.3) continue;
-        EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
-            << i;
-    }
-}
-
 /// With no neighbors across heights of the whole, as if it were pieces.
 void take_apart(FoldedBack& shapes, std::initializer_list<double> heights) {
     Positions apart = shapes.whole;
@@ -212,6 +193,25 @@ void take_apart(FoldedBack& shapes, std::initializer_list<double> heights) {
             if (shapes.whole(i, 2) > height) apart(i, 0) += 10.0;
     Progress progress;
     shapes.whole_nearest = nearest_neighbors(KdTree<3>(apart), 16, progress);
+}
+
+/// What lies above that height goes to its own side of the ring, but for what is near the axis.
+void expect_on_its_side(const FoldedBack& shapes, const Refinement& joined, double height) {
+    for (Index i = 0; i < kCount; ++i) {
+        const double from_axis = shapes.whole.row(i).head<2>().norm();
+        if (shapes.whole(i, 2) < height || from_axis < 0.3) continue;
+        EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
+            << i;
+    }
+}
+
+TEST(LostParts, TakeWhatLiesLooseBesideThem) {
+    FoldedBack shapes;
+    constexpr double kLoose = 4.0 * kCut;
+    take_apart(shapes, {kLoose});
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    expect_at_ends(shapes, joined, kCut + 4.0 * shapes.spacing);
+    expect_on_its_side(shapes, joined, kLoose);
 }
 
 TEST(LostParts, LieLooseBesideWhatIsNotLost) {
@@ -236,12 +236,7 @@ TEST(LostParts, LieLooseBesideOneAnother) {
         if (shapes.whole(i, 2) > kLower) shapes.elsewhere(i, 2) += 5.0 * shapes.spacing;
     const Refinement joined = shapes.joined(shapes.ends, {});
     expect_at_ends(shapes, joined, kCut + 4.0 * shapes.spacing);
-    for (Index i = 0; i < kCount; ++i) {
-        const double from_axis = shapes.whole.row(i).head<2>().norm();
-        if (shapes.whole(i, 2) < kLower || from_axis < 0.3) continue;
-        EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
-            << i;
-    }
+    expect_on_its_side(shapes, joined, kLower);
 }
 
 TEST(LostParts, JoinEndsOfTheTargetAsThoseOfTheSource) {

@@ -46,8 +46,9 @@ struct ComponentMatching {
     /// ones.
     std::vector<IndexPair> matched;
     std::vector<Index> source_alone, target_alone;  ///< main() components without a counterpart
-    /// Components of which one is among these, and that a mark joins: it is a part of what the
-    /// other one is, such as a shoe of a figure of one piece.
+    /// Components that a mark joins, of which the one that isn't larger is among these: it is a
+    /// part of the other one, as a shoe is of a figure of one piece. Those that most marks join
+    /// come first.
     std::vector<IndexPair> on_others;
 };
 
