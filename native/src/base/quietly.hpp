@@ -1,4 +1,4 @@
-// Work that is a part of no stage. Not a part of the library.
+// Work that can't say how far it is, in a stage or outside of all. Not a part of the library.
 #pragma once
 
 #include <chrono>

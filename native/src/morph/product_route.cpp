@@ -137,6 +137,7 @@ RouteResult match_in_product_space(const RouteInput& input,
     };
     say(refined.target_images, input.target, input.source, ends.source, lost.of_target);
     say(refined.source_images, input.source, input.target, ends.target, lost.of_source);
+    progress.finish();
     judge_normals(refined.inside_out, input.source, input.target, result);
     on_both(progress, [&](bool is_source, Progress&) {
         ProductPoints& product = is_source ? refined.source_product : refined.target_product;

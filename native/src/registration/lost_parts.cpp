@@ -447,6 +447,7 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress) {
     if (source.ends.empty() && target.ends.empty()) return {};
+    progress.enter("missing parts");
     const auto marked = [&](Marked Feature::*side) {
         std::vector<Index> rows;
         for (const Feature& feature : features)

@@ -25,7 +25,7 @@ struct LostPoints {
 
 /// Changes what one of the clouds lacks: points of the other that no image comes near, next to what
 /// lies at an end. They go to that end, and are paired with it. What has a feature stays. Without
-/// ends, nothing changes. Throws Cancelled.
+/// ends, nothing changes; else the stage "missing parts" is entered, and goes on. Throws Cancelled.
 LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress);

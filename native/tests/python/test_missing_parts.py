@@ -102,6 +102,12 @@ def test_it_is_said(morphs: dict[str, pointmorph.Morph]) -> None:
     assert not [w for w in morphs["stretch"].report["warnings"] if "goes on" in w]
 
 
+def test_the_time_it_takes_is_that_of_a_stage(morphs: dict[str, pointmorph.Morph]) -> None:
+    assert morphs["leave"].report["stages"]["missing parts"] > 0.0
+    assert pointmorph.stage_label("missing parts") == "Finding missing parts"
+    assert "missing parts" not in morphs["stretch"].report["stages"]
+
+
 def test_the_wrapped_mesh_is_not_dragged_over_it(morphs: dict[str, pointmorph.Morph]) -> None:
     positions, faces = whole()
     _, kept = part(positions, faces, 26)

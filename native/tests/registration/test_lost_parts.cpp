@@ -272,6 +272,23 @@ TEST(LostParts, JoinEndsOfTheTargetAsThoseOfTheSource) {
     }
 }
 
+TEST(LostParts, AreAStageOfTheirOwnWhereThereAreEnds) {
+    const FoldedBack shapes;
+    const auto timed = [&](const std::vector<Index>& ends) {
+        Progress progress;
+        Refinement map = shapes.map;
+        send_lost_parts_to_ends(map, {shapes.of_part(), ends}, {shapes.of_whole(), {}}, {},
+                                progress);
+        progress.finish();
+        return progress.stages();
+    };
+    const std::vector<StageTime> stages = timed(shapes.ends);
+    ASSERT_EQ(stages.size(), 1u);
+    EXPECT_EQ(stages[0].stage, "missing parts");
+    EXPECT_GT(stages[0].seconds, 0.0);
+    EXPECT_TRUE(timed({}).empty());
+}
+
 TEST(LostParts, CanBeCanceled) {
     const FoldedBack shapes;
     Progress progress([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));

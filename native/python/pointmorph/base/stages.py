@@ -22,6 +22,7 @@ _LABELS = {
     "landing": "Projecting points",
     "lift": "Refining all points",
     "mesh quality": "Measuring the mesh",
+    "missing parts": "Finding missing parts",
     "motion": "Finding paths",
     "neighborhoods": "Finding neighbors",
     "network": "Tracing curves",
