@@ -78,13 +78,4 @@ struct MatchedNodes {
 std::vector<double> untorn(const DeformationGraph& graph, const MatchedNodes& nodes, double spacing,
                            double smallest);
 
-/// 1 for nodes that no image of the other shape's points comes near to, where they hang together
-/// with the images of its ends (`rim`): it stops there, and this one goes on. `nodes` are their
-/// positions.
-std::vector<char> beyond_rim(const DeformationGraph& graph, const Positions& nodes,
-                             const Positions& images, const Positions& rim);
-
-/// The coarse rows that CoarseShape::ends marks.
-std::vector<Index> end_rows(const CoarseShape& shape);
-
 }  // namespace pointmorph

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "pointmorph/cloud/cloud.hpp"
-#include "registration/annealing.hpp"
 #include "registration/product_keys.hpp"
+#include "registration/rim.hpp"
 
 namespace pointmorph {
 

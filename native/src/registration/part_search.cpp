@@ -14,7 +14,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
-#include "registration/annealing.hpp"
+#include "registration/rim.hpp"
 
 namespace pointmorph {
 

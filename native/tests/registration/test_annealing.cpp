@@ -10,6 +10,7 @@
 
 #include "pointmorph/cloud/subset.hpp"
 #include "registration/eggs.hpp"
+#include "registration/node_chain.hpp"
 
 namespace pointmorph {
 namespace {
@@ -41,20 +42,8 @@ TEST(Annealing, AMatchCountsHalfAtSoManyMedians) {
     for (const double w : robust_weights({0.0, 0.0, 0.0}, 3.0)) EXPECT_EQ(w, 1.0);
 }
 
-/// Nodes in a row, each joined to the next.
-DeformationGraph chain(Index count) {
-    DeformationGraph graph;
-    for (Index i = 0; i < count; ++i) {
-        graph.node_rows.push_back(i);
-        if (i > 0) graph.edge_ends.push_back(i - 1);
-        if (i + 1 < count) graph.edge_ends.push_back(i + 1);
-        graph.edge_offsets.push_back(static_cast<std::int64_t>(graph.edge_ends.size()));
-    }
-    return graph;
-}
-
 TEST(Annealing, SmallPartsWhoseMatchesJumpedDontCount) {
-    const DeformationGraph graph = chain(20);
+    const DeformationGraph graph = node_chain(20);
     Positions positions = Positions::Zero(20, 3), matches;
     positions.col(0).setLinSpaced(20, 0.0, 19.0);
     matches = positions;
@@ -65,26 +54,6 @@ TEST(Annealing, SmallPartsWhoseMatchesJumpedDontCount) {
     for (const double w : untorn(graph, nodes, 1.0, 0.2)) EXPECT_EQ(w, 1.0);
     // A jump of less than twice the distance and two spacings is a stretch.
     for (const double w : untorn(graph, nodes, 30.0, 0.25)) EXPECT_EQ(w, 1.0);
-}
-
-TEST(Annealing, WhatNoImageComesNearToBeyondTheOthersEndIsLeftOver) {
-    constexpr Index kNodes = 30, kEnd = 22;
-    DeformationGraph graph = chain(kNodes);
-    graph.spacing = 1.0;
-    Positions nodes = Positions::Zero(kNodes, 3);
-    nodes.col(0).setLinSpaced(kNodes, 0.0, kNodes - 1.0);
-    // The other shape reaches to its end, but for a gap elsewhere.
-    std::vector<Index> reached;
-    for (Index k = 0; k <= kEnd; ++k)
-        if (k < 4 || k > 7) reached.push_back(k);
-    const Positions images = gather(nodes, reached), rim = nodes.row(kEnd);
-    const std::vector<char> left = beyond_rim(graph, nodes, images, rim);
-    for (Index k = 0; k < kNodes; ++k) EXPECT_EQ(left[to_size(k)] != 0, k > kEnd + 1) << k;
-    // Where it has no end nothing is, and not while all lies apart.
-    EXPECT_EQ(std::ranges::count(beyond_rim(graph, nodes, images, Positions(0, 3)), 1), 0);
-    Positions aside = images;
-    aside.col(1).array() += 9.0;
-    EXPECT_EQ(std::ranges::count(beyond_rim(graph, nodes, aside, rim), 1), 0);
 }
 
 TEST(Annealing, ShapesSoftenFromTheFirstToTheLastRoundAfterTheStiffOnes) {
