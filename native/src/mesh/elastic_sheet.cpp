@@ -64,8 +64,9 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, Pr
       triangles_(&triangles),
       scale_(scale),
       kept_(to_size(triangles.rows())),
-      offsets_(to_size(rest.rows()) + 1, 0),
-      corners_(to_size(triangles.size())) {
+      corners_(to_index(rest.rows()), [&](auto&& take) {
+          for (Index c = 0; c < triangles.size(); ++c) take(triangles(c / 3, c % 3), c);
+      }) {
     parallel_for(to_index(triangles.rows()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             Triangle& t = kept_[to_size(f)];
@@ -78,11 +79,6 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, Pr
             }
         }
     });
-    for (Index c = 0; c < triangles.size(); ++c) ++offsets_[to_size(triangles(c / 3, c % 3)) + 1];
-    for (std::size_t v = 1; v < offsets_.size(); ++v) offsets_[v] += offsets_[v - 1];
-    std::vector<Index> next(offsets_.begin(), offsets_.end() - 1);
-    for (Index c = 0; c < triangles.size(); ++c)
-        corners_[to_size(next[to_size(triangles(c / 3, c % 3))]++)] = c;
     find_laplacian(progress);
 }
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "base/grouped.hpp"
 #include "mesh/block_system.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/base/progress.hpp"
@@ -30,10 +31,7 @@ public:
 
     const Laplacian& laplacian() const { return laplacian_; }
     /// Triangles around each vertex, as 3 f + corner.
-    std::span<const Index> around(Index vertex) const {
-        return {corners_.data() + offsets_[to_size(vertex)],
-                corners_.data() + offsets_[to_size(vertex) + 1]};
-    }
+    std::span<const Index> around(Index vertex) const { return corners_[vertex]; }
 
     /// Takes the metric from the present places, averaged over `sweeps` rings of vertices.
     void set_metric(const Positions& x, int sweeps, Progress& progress);
@@ -88,7 +86,7 @@ private:
     double scale_;
     std::vector<Triangle> kept_;
     Laplacian laplacian_;
-    std::vector<Index> offsets_, corners_;
+    Grouped<Index> corners_;      ///< around(), by vertex
     std::vector<Matrix3> turns_;  ///< of the vertices, once they have turned; kept as a start
 };
 

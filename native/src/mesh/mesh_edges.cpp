@@ -1,7 +1,10 @@
 #include "mesh/mesh_edges.hpp"
 
 #include <algorithm>
-#include <utility>
+#include <compare>
+#include <span>
+
+#include "base/grouped.hpp"
 
 namespace pointmorph {
 
@@ -13,22 +16,24 @@ MeshEdges::MeshEdges(const Triangles& triangles) : edges_(to_size(triangles.size
     };
     // By the lower end, then each few by the other one.
     const auto count = to_index(triangles.size());
-    std::vector<Index> firsts(to_size(triangles.maxCoeff()) + 2, 0);
-    for (Index side = 0; side < count; ++side) ++firsts[to_size(ends_of(side).first) + 1];
-    for (std::size_t p = 1; p < firsts.size(); ++p) firsts[p] += firsts[p - 1];
-    std::vector<std::pair<Index, Index>> entries(to_size(count));  // higher end, side
-    std::vector<Index> next(firsts.begin(), firsts.end() - 1);
-    for (Index side = 0; side < count; ++side) {
-        const auto [low, high] = ends_of(side);
-        entries[to_size(next[to_size(low)]++)] = {high, side};
-    }
-    sides_.reserve(entries.size());
-    for (std::size_t p = 0; p + 1 < firsts.size(); ++p) {
-        std::sort(entries.begin() + firsts[p], entries.begin() + firsts[p + 1]);
-        for (Index e = firsts[p]; e < firsts[p + 1]; ++e) {
-            const auto& [high, side] = entries[to_size(e)];
-            const bool is_new = e == firsts[p] || high != entries[to_size(e) - 1].first;
-            if (is_new && e > 0) offsets_.push_back(e);
+    struct Entry {
+        Index high, side;
+        auto operator<=>(const Entry&) const = default;
+    };
+    Grouped<Entry> by_low(triangles.maxCoeff() + 1, [&](auto&& take) {
+        for (Index side = 0; side < count; ++side) {
+            const auto [low, high] = ends_of(side);
+            take(low, Entry{high, side});
+        }
+    });
+    sides_.reserve(to_size(count));
+    for (Index p = 0; p < by_low.size(); ++p) {
+        const std::span<Entry> entries = by_low[p];
+        std::ranges::sort(entries);
+        for (std::size_t k = 0; k < entries.size(); ++k) {
+            const auto [high, side] = entries[k];
+            const bool is_new = k == 0 || high != entries[k - 1].high;
+            if (is_new && !sides_.empty()) offsets_.push_back(to_index(sides_.size()));
             edges_[to_size(side)] = size();
             sides_.push_back({side / 3, side % 3});
         }

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
+#include "base/grouped.hpp"
 #include "cloud/neighbor_room.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -265,35 +265,22 @@ std::vector<Index> to_given(std::span<const Index> sorted, const PreparedShape& 
 namespace {
 
 /// Given rows that each sorted row stands for, its own first.
-class Represented {
-public:
-    explicit Represented(const PreparedShape& shape)
-        : begins_(to_size(shape.size()) + 1, 0), rows_(shape.sorted_rows.size()) {
-        for (const Index sorted : shape.sorted_rows) ++begins_[to_size(sorted) + 1];
-        std::partial_sum(begins_.begin(), begins_.end(), begins_.begin());
-        std::vector<std::size_t> next(begins_.begin(), begins_.end() - 1);
-        for (std::size_t i = 0; i < next.size(); ++i) rows_[next[i]++] = shape.given_rows[i];
+Grouped<Index> represented(const PreparedShape& shape) {
+    return Grouped<Index>(shape.size(), [&](auto&& take) {
+        for (Index sorted = 0; sorted < shape.size(); ++sorted)
+            take(sorted, shape.given_rows[to_size(sorted)]);
         for (std::size_t given = 0; given < shape.sorted_rows.size(); ++given) {
-            const std::size_t sorted = to_size(shape.sorted_rows[given]);
-            if (shape.given_rows[sorted] != to_index(given))
-                rows_[next[sorted]++] = to_index(given);
+            const Index sorted = shape.sorted_rows[given];
+            if (shape.given_rows[to_size(sorted)] != to_index(given)) take(sorted, to_index(given));
         }
-    }
-    std::span<const Index> operator[](Index sorted) const {
-        const std::size_t begin = begins_[to_size(sorted)];
-        return {rows_.data() + begin, begins_[to_size(sorted) + 1] - begin};
-    }
-
-private:
-    std::vector<std::size_t> begins_;
-    std::vector<Index> rows_;
-};
+    });
+}
 
 }  // namespace
 
 Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
                  const PreparedShape& target) {
-    const Represented from(source), to(target);
+    const Grouped<Index> from = represented(source), to = represented(target);
     std::vector<char> source_seen(to_size(source.size()), 0),
         target_seen(to_size(target.size()), 0);
     Pairing result;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/grouped.hpp"
 #include "base/median.hpp"
 #include "base/quietly.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -183,7 +184,9 @@ public:
             const Index a = places_[to_size(from)], b = places_[to_size(to)];
             more.insert(more.end(), {{a, b}, {b, a}});
         }
-        keep(more);
+        more_ = Grouped<Index>(to_index(rows_.size()), [&](auto&& take) {
+            for (const IndexPair& link : more) take(link.source, link.target);
+        });
     }
     ~PartGraph() {
         for (const Index row : rows_) places_[to_size(row)] = -1;
@@ -218,8 +221,7 @@ public:
                 open.emplace(there, j);
             };
             each_neighbor(to_size(i), reach);
-            for (Index m = first_[to_size(i)]; m < first_[to_size(i) + 1]; ++m)
-                reach(more_[to_size(m)]);
+            for (const Index j : more_[i]) reach(j);
         }
         result.resize(own_);
         return result;
@@ -237,21 +239,11 @@ private:
         }
     }
 
-    void keep(std::span<const IndexPair> more) {
-        first_.assign(rows_.size() + 1, 0);
-        for (const IndexPair& pair : more) ++first_[to_size(pair.source) + 1];
-        for (std::size_t k = 1; k < first_.size(); ++k) first_[k] += first_[k - 1];
-        more_.resize(more.size());
-        std::vector<Index> next = first_;
-        for (const auto& [from, to] : more) more_[to_size(next[to_size(from)]++)] = to;
-    }
-
     const SampledSurface& surface_;
     std::vector<Index> rows_;  ///< of the surface
     std::size_t own_;          ///< how many of them aren't the rim
     std::vector<Index>& places_;
-    // To whom each is joined that isn't its neighbor: from first_[k] to first_[k + 1].
-    std::vector<Index> first_, more_;
+    Grouped<Index> more_;  ///< to whom each is joined that isn't its neighbor
 };
 
 /// For each row of a part, the place in its rim that is nearest along the surface: like this, only
