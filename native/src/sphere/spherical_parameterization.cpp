@@ -350,14 +350,6 @@ void MeshPlaces::find(const Positions& points, const Normals& normals, Index beg
     });
 }
 
-std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
-                                        const Normals& normals, Progress& progress) {
-    const auto count = to_index(points.rows());
-    std::vector<PlaceInMesh> result(to_size(count));
-    MeshPlaces(mesh).find(points, normals, 0, count, result, progress);
-    return result;
-}
-
 Positions onto_sphere(const SphericalMesh& mesh, std::span<const PlaceInMesh> places) {
     Positions result(places.size(), 3);
     for (std::size_t i = 0; i < places.size(); ++i)
@@ -369,7 +361,10 @@ Positions onto_sphere(const SphericalMesh& mesh, std::span<const PlaceInMesh> pl
 
 Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
                       Progress& progress) {
-    return onto_sphere(mesh, places_in_mesh(mesh, points, normals, progress));
+    const auto count = to_index(points.rows());
+    std::vector<PlaceInMesh> places(to_size(count));
+    MeshPlaces(mesh).find(points, normals, 0, count, places, progress);
+    return onto_sphere(mesh, places);
 }
 
 double turned_over(std::span<const Triangle> triangles, const Positions& images) {

@@ -41,6 +41,13 @@ struct Prepared {
         options.nodes = nodes;
         return spherical_mesh({positions, normals, nearest}, required, options, progress);
     }
+
+    std::vector<PlaceInMesh> places_in(const SphericalMesh& mesh, Progress& progress) const {
+        const auto count = to_index(positions.rows());
+        std::vector<PlaceInMesh> places(to_size(count), {-1, Vector3::Zero()});
+        MeshPlaces(mesh).find(positions, normals, 0, count, places, progress);
+        return places;
+    }
 };
 
 /// A ball with three limbs, one of them long.
@@ -186,9 +193,9 @@ TEST(SphericalParameterization, PlacesInTheMeshOutlastAMoveOfItsImages) {
     const Prepared shape(limbed(3000));
     SphericalMesh mesh = shape.mesh(300);
     Progress progress;
-    const auto places = places_in_mesh(mesh, shape.positions, shape.normals, progress);
-    ASSERT_EQ(to_index(places.size()), to_index(shape.positions.rows()));
+    const auto places = shape.places_in(mesh, progress);
     for (const auto& [triangle, shares] : places) {
+        ASSERT_GE(triangle, 0);
         EXPECT_LT(to_size(triangle), mesh.triangles.size());
         EXPECT_GT(shares.minCoeff(), -1e-12);
         EXPECT_NEAR(shares.sum(), 1.0, 1e-12);
@@ -204,7 +211,7 @@ TEST(SphericalParameterization, PlacesAreTheSameInParts) {
     const Prepared shape(limbed(3000));
     const SphericalMesh mesh = shape.mesh(300);
     Progress progress;
-    const auto all = places_in_mesh(mesh, shape.positions, shape.normals, progress);
+    const auto all = shape.places_in(mesh, progress);
     const MeshPlaces finder(mesh);
     constexpr Index kUntouched = -7;
     std::vector<PlaceInMesh> parts(all.size(), {kUntouched, Vector3::Zero()});
@@ -250,7 +257,9 @@ TEST(Example, SphericalParameterization) {
     const Positions sphere = onto_sphere(mesh, positions, normals, progress);  // unit vectors
 
     // The same in two steps. Places in the mesh stay when alignment moves its nodes on the sphere.
-    const std::vector<PlaceInMesh> places = places_in_mesh(mesh, positions, normals, progress);
+    const auto count = to_index(positions.rows());
+    std::vector<PlaceInMesh> places(to_size(count));
+    MeshPlaces(mesh).find(positions, normals, 0, count, places, progress);
     const Positions the_same = onto_sphere(mesh, places);
     // --- end of the example
     EXPECT_EQ(mesh.rows.front(), 17);

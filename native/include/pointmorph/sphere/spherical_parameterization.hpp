@@ -75,10 +75,6 @@ private:
     std::unique_ptr<const Parts> parts_;
 };
 
-/// The same of all points.
-std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
-                                        const Normals& normals, Progress& progress);
-
 /// The places on the sphere of points whose places in the mesh are known. #points by 3.
 Positions onto_sphere(const SphericalMesh& mesh, std::span<const PlaceInMesh> places);
 
