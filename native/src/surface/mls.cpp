@@ -4,12 +4,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <string>
 
+#include "base/branchless_exponential.hpp"
 #include "base/compiler.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/covariance.hpp"
@@ -44,35 +43,6 @@ double smooth_step(double x) {
     return s * s * (3.0 - 2.0 * s);
 }
 
-/// e^x for |x| < 700: Cody and Waite's remainder and the Cephes library's quotient of polynomials,
-/// as Eigen's packets have them, to the bit. Without a branch, so that the compiler vectorizes
-/// loops around it.
-POINTMORPH_INLINE double exponential(double x) {
-    constexpr double kLog2E = 1.4426950408889634073599;
-    constexpr double kLn2 = 0.693145751953125, kLn2Rest = 1.42860682030941723212e-6;
-    constexpr double kShift = 0x1.8p52;  // numbers added to it are rounded to whole ones
-    constexpr int kMantissaBits = 52, kSignBit = 63;
-    constexpr double kBias = 1023.0;
-    const auto bits_of = [](double number) { return std::bit_cast<std::uint64_t>(number); };
-
-    const double scaled = kLog2E * x + 0.5;
-    double whole = (scaled + kShift) - kShift;
-    const std::uint64_t is_above = bits_of(scaled - whole) >> kSignBit;
-    whole -= std::bit_cast<double>((0 - is_above) & bits_of(1.0));
-    const double rest = (x - whole * kLn2) - whole * kLn2Rest;
-    const double square = rest * rest;
-    double above = 1.26177193074810590878e-4;
-    above = above * square + 3.02994407707441961300e-2;
-    above = above * square + 9.99999999999999999910e-1;
-    above *= rest;
-    double below = 3.00198505138664455042e-6;
-    below = below * square + 2.52448340349684104192e-3;
-    below = below * square + 2.27265548208155028766e-1;
-    below = below * square + 2.00000000000000000009;
-    const double fraction = 2.0 * (above / (below - above)) + 1.0;
-    return fraction * std::bit_cast<double>(bits_of(whole + (kShift + kBias)) << kMantissaBits);
-}
-
 /// The points around a place, as arrays of `count` numbers, and the plane {x : ⟨n, x⟩ = t}.
 struct PlaneFit {
     const double *x, *y, *z, *weights;
@@ -94,7 +64,7 @@ POINTMORPH_INLINE double sum_of_squares(const PlaneFit& fit) {
     const double twice = 2.0 * t, square = t * t;
     for (Index i = 0; i < fit.count; ++i) {
         const double height = nx * x[i] + ny * y[i] + nz * z[i], off = height - t;
-        terms[i] = weights[i] * (off * off) * exponential(twice * height - square);
+        terms[i] = weights[i] * (off * off) * branchless_exponential(twice * height - square);
     }
     std::array<double, 4> sums{};
     for (Index i = 0; i < fit.count; i += 4)
@@ -113,7 +83,7 @@ double narrow_sum_of_squares(const PlaneFit& fit) {
 /// Takes e^exponent times each weight.
 void multiply_by_exponentials(const double* POINTMORPH_RESTRICT exponents,
                               double* POINTMORPH_RESTRICT weights, Index count) {
-    for (Index i = 0; i < count; ++i) weights[i] *= exponential(exponents[i]);
+    for (Index i = 0; i < count; ++i) weights[i] *= branchless_exponential(exponents[i]);
 }
 
 /// 1, u, v, u², uv, v² … up to the degree; returns how many.
