@@ -3,13 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <utility>
 
+#include "measures/doubtful_places.hpp"
 #include "measures/judged_surface.hpp"
 #include "measures/measured_map.hpp"
-#include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
@@ -20,20 +19,16 @@ namespace pointmorph {
 namespace {
 
 // Lengths are in √area.
-constexpr Index kNeighbors = 6;        // that tell how far apart points are
-constexpr Index kTogetherFrom = 4000;  // points, of which several are carried to together
-constexpr double kGrowthNear = 0.05;   // around a node, where growth is averaged …
-constexpr double kStrainNear = 0.12;   // … and strain
-constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
-constexpr double kElsewhere = 0.15;    // images that far apart have nothing in common
-constexpr double kDoubtful = 0.5;      // less confidence is worth a word
-constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
-constexpr double kSmallestDoubt = 0.002;
+constexpr Index kNeighbors = 6;         // that tell how far apart points are
+constexpr Index kTogetherFrom = 4000;   // points, of which several are carried to together
+constexpr double kGrowthNear = 0.05;    // around a node, where growth is averaged …
+constexpr double kStrainNear = 0.12;    // … and strain
+constexpr double kBendNear = 0.1;       // a ball whose centroid tells tips, edges and planes apart
+constexpr double kElsewhere = 0.15;     // images that far apart have nothing in common
 constexpr double kUnreached = 0.065;    // from all images of the other cloud's nodes …
 constexpr double kGaps = 2.0;           // … and so many times what the image is from its nodes
 constexpr double kSureUnreached = 0.3;  // at most, where nothing comes near
 constexpr std::size_t kFewestUnreached = 4;
-constexpr std::size_t kMostDoubts = 5;
 
 /// Values at some places, blended at others.
 struct Blend {
@@ -289,143 +284,6 @@ std::optional<double> mean_with_counterpart(const JudgedWay& way, const Values& 
     return count > 0 ? std::optional(sum / count) : std::nullopt;
 }
 
-// --- Places
-
-/// A doubtful place, as seen from one of the clouds.
-struct DoubtfulSpot {
-    bool on_source;
-    Index row;
-    double confidence, share, doubt;
-    bool unreached;
-};
-
-void add_spots(const JudgedWay& way, const Values& confidence, bool on_source,
-               std::vector<DoubtfulSpot>& spots) {
-    const JudgedSurface& surface = way.here;
-    const auto is_doubtful = [&](Index k) {
-        return !way.alone[to_size(k)] && confidence[k] < kDoubtful;
-    };
-    std::vector<Index> candidates;
-    for (Index k = 0; k < surface.count(); ++k)
-        if (is_doubtful(k)) candidates.push_back(k);
-    std::ranges::stable_sort(candidates, {}, [&](Index k) { return confidence[k]; });
-    std::vector<Index> taken;
-    std::vector<std::pair<Index, double>> around;
-    for (const Index k : candidates) {
-        if (std::ranges::any_of(taken, [&](Index other) {
-                return (surface.places.row(k) - surface.places.row(other)).norm() < kDoubtsApart;
-            }))
-            continue;
-        taken.push_back(k);
-        way.trees_here.by_place.within(surface.places.row(k).data(), kDoubtsApart / 2.0, around);
-        DoubtfulSpot spot{on_source, surface.rows[to_size(k)],      0.0, 0.0,
-                          0.0,       way.unreached[to_size(k)] != 0};
-        Index count = 0;
-        for (const auto& [l, squared_distance] : around) {
-            if (!is_doubtful(l)) continue;
-            spot.confidence += confidence[l];
-            ++count;
-        }
-        spot.confidence /= count;
-        spot.share = static_cast<double>(count) / surface.count();
-        spot.doubt = spot.share * (kDoubtful - spot.confidence);
-        if (spot.share >= kSmallestDoubt) spots.push_back(spot);
-    }
-}
-
-/// The row of the other cloud that a row's image is nearest to, of those that it is paired with.
-Index partner_of(const TwoWayMap& map, bool on_source, Index row) {
-    const Positions& images = on_source ? map.source_images : map.target_images;
-    const Positions& other = on_source ? map.target.positions : map.source.positions;
-    Index best = -1;
-    double least = std::numeric_limits<double>::infinity();
-    for (const IndexPair& pair : map.pairs) {
-        if ((on_source ? pair.source : pair.target) != row) continue;
-        const Index partner = on_source ? pair.target : pair.source;
-        const double squared = (other.row(partner) - images.row(row)).squaredNorm();
-        if (squared >= least) continue;
-        least = squared;
-        best = partner;
-    }
-    return best;
-}
-
-std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
-                         const DoubtfulPlace& place, const TwoWayMap& map) {
-    const std::string& here = (spot.on_source ? map.source : map.target).name;
-    const std::string& there = (spot.on_source ? map.target : map.source).name;
-    const std::string what = spot.unreached
-                                 ? " nothing of " + there + " comes near a part of " + here + " (" +
-                                       percent(place.share) +
-                                       " of it). Either this part has no counterpart, or the map " +
-                                       "is wrong: then "
-                                 : " the map may be wrong (" + percent(place.confidence) +
-                                       " sure, " + percent(place.share) + " of " + here + "): ";
-    return sentence(words.where + what + words.remedy + ", for instance point " +
-                    std::to_string(place.source) + " of " + map.source.name + ", now on point " +
-                    std::to_string(place.target) + " of " + map.target.name);
-}
-
-/// A place to be named.
-struct NamedPlace {
-    DoubtfulPlace place;
-    double doubt;
-    bool unreached;
-};
-
-/// Those with the most doubt, of what nothing comes near the first among them.
-std::vector<NamedPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
-                                        const TwoWayMap& map, std::vector<DoubtfulSpot> spots,
-                                        std::span<const Feature> features) {
-    std::ranges::stable_sort(spots, std::ranges::greater{}, &DoubtfulSpot::doubt);
-    const auto unreached = std::ranges::find(spots, true, &DoubtfulSpot::unreached);
-    if (unreached != spots.end()) std::rotate(spots.begin(), unreached, unreached + 1);
-    const std::vector<MarkedPoint> marked = marked_points(features);
-    std::vector<NamedPlace> places;
-    for (const DoubtfulSpot& spot : spots) {
-        if (places.size() == kMostDoubts) break;
-        const Index partner = partner_of(map, spot.on_source, spot.row);
-        if (partner < 0) continue;
-        DoubtfulPlace place{spot.on_source ? spot.row : partner,
-                            spot.on_source ? partner : spot.row,
-                            spot.confidence,
-                            spot.share,
-                            {}};
-        const bool is_apart = std::ranges::none_of(places, [&](const NamedPlace& other) {
-            const auto distance = [](const JudgedSurface& surface, Index a, Index b) {
-                return surface.scale * (surface.positions.row(a) - surface.positions.row(b)).norm();
-            };
-            return distance(source, place.source, other.place.source) < kDoubtsApart &&
-                   distance(target, place.target, other.place.target) < kDoubtsApart;
-        });
-        if (!is_apart) continue;
-        const PlaceWords words = words_for({source.positions, 1.0 / source.scale, map.source.name},
-                                           place.source, marked);
-        place.advice = advice_about(spot, words, place, map);
-        places.push_back({std::move(place), spot.doubt, spot.unreached});
-    }
-    std::ranges::stable_sort(places, std::ranges::greater{}, &NamedPlace::doubt);
-    return places;
-}
-
-std::string warning_about(double right, std::span<const NamedPlace> places, const TwoWayMap& map) {
-    std::string text = "Only " + percent(right) + " of the map from " + map.source.name + " to " +
-                       map.target.name + " is likely right: mark more features on both models";
-    // What nothing comes near may belong nowhere.
-    const auto first = std::ranges::find(places, false, &NamedPlace::unreached);
-    if (first != places.end()) {
-        const DoubtfulPlace& place = first->place;
-        text += ", first at point " + std::to_string(place.source) + " of " + map.source.name +
-                " and where it belongs on " + map.target.name;
-    }
-    return text + ". If they have nothing in common, no map between them is right.";
-}
-
-void name_places(LocalConfidence& result, std::vector<NamedPlace> places, const TwoWayMap& map) {
-    if (result.right < kMostlyRight) result.warning = warning_about(result.right, places, map);
-    for (NamedPlace& named : places) result.doubtful.push_back(std::move(named.place));
-}
-
 /// From the nodes to all points. Those that follow one another in the cloud's spatial order lie
 /// close together: the nodes near one of them are near to all.
 Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Values& at_nodes,
@@ -464,6 +322,18 @@ Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Value
         for (Index group = begin; group < end; ++group) carry(group);
     });
     return result;
+}
+
+/// At all points. A node without a counterpart is as likely right as what its image lies on.
+Values at_points(const JudgedWay& way, Values at_nodes, const Values& at_others,
+                 Progress& progress) {
+    for (Index k = 0; k < way.here.count(); ++k)
+        if (way.alone[to_size(k)]) at_nodes[k] = at_others[way.feet[to_size(k)]];
+    return carried(way.here, way.trees_here, at_nodes, progress);
+}
+
+JudgedNodes judged_nodes(const JudgedWay& way, const Values& confidence) {
+    return {way.here, way.trees_here, confidence, way.alone, way.unreached};
 }
 
 /// The node nearest to each image, on the side where it belongs: that of a partner.
@@ -573,20 +443,19 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
         });
     }
     LocalConfidence result;
-    std::vector<DoubtfulSpot> spots;
-    const auto judge = [&](const JudgedWay& way, Values at_nodes, const Values& at_others,
+    const auto judge = [&](const JudgedWay& way, const Values& at_nodes, const Values& at_others,
                            bool is_source) {
         const Progress::Part part(progress, is_source ? 0.8 : 0.9, is_source ? 0.9 : 1.0);
         if (const auto mean = mean_with_counterpart(way, at_nodes))
             result.right = std::min(result.right, *mean);
-        add_spots(way, at_nodes, is_source, spots);
-        for (Index k = 0; k < way.here.count(); ++k)
-            if (way.alone[to_size(k)]) at_nodes[k] = at_others[way.feet[to_size(k)]];
-        return carried(way.here, way.trees_here, at_nodes, progress);
+        return at_points(way, at_nodes, at_others, progress);
     };
     result.source = judge(there, on_source, on_target, true);
     result.target = judge(back, on_target, on_source, false);
-    name_places(result, doubtful_places(source, target, map, std::move(spots), features), map);
+    auto [places, warning] = doubtful_places(
+        judged_nodes(there, on_source), judged_nodes(back, on_target), result.right, map, features);
+    result.doubtful = std::move(places);
+    result.warning = std::move(warning);
     return result;
 }
 
