@@ -14,13 +14,13 @@ namespace pointmorph {
 namespace {
 
 /// An open patch with analytic normals and its boundary.
-struct Patch {
+struct OpenPatch {
     Positions positions;
     Normals normals;
     BoundaryLoop loop;
     Neighborhoods nearest;
 
-    Patch(Positions p, Normals n, BoundaryLoop l)
+    OpenPatch(Positions p, Normals n, BoundaryLoop l)
         : positions(std::move(p)), normals(std::move(n)), loop(std::move(l)) {
         Progress progress;
         nearest = nearest_neighbors(KdTree<3>(positions), 16, progress);
@@ -28,7 +28,7 @@ struct Patch {
 };
 
 /// Upper half of the unit sphere, `count` points and a rim of evenly spaced ones.
-Patch hemisphere(Index count) {
+OpenPatch hemisphere(Index count) {
     const auto rim =
         to_index(std::lround(2 * std::numbers::pi * std::sqrt(count / (2 * std::numbers::pi))));
     Positions p(count + rim, 3);
@@ -42,13 +42,13 @@ Patch hemisphere(Index count) {
     return {p, p, loop};
 }
 
-Patch square(Index side) {
+OpenPatch square(Index side) {
     Normals up = Normals::Zero(side * side, 3);
     up.col(2).setOnes();
     return {shapes::grid(side), up, shapes::grid_border(side)};
 }
 
-Parameterization onto_disk(const Patch& patch, const ParameterizationOptions& options = {},
+Parameterization onto_disk(const OpenPatch& patch, const ParameterizationOptions& options = {},
                            Progress* progress = nullptr) {
     Progress silent;
     const auto angles = boundary_angles(patch.positions, patch.loop, options.boundary_spacing, {});
@@ -64,7 +64,7 @@ ParameterizationOptions full() {
 }
 
 TEST(BoundaryAngles, ChordLengthIsProportionalToLength) {
-    const Patch patch = square(11);
+    const OpenPatch patch = square(11);
     const auto angles =
         boundary_angles(patch.positions, patch.loop, BoundarySpacing::kChordLength, {});
     for (std::size_t i = 0; i < angles.size(); ++i)
@@ -83,7 +83,7 @@ TEST(BoundaryAngles, UniformIgnoresLength) {
 }
 
 TEST(BoundaryAngles, PinsAreMetAndTheRestSpreadBetweenThem) {
-    const Patch patch = square(11);
+    const OpenPatch patch = square(11);
     const std::vector<BoundaryPin> pins{{5, 0.5}, {20, 1.0}, {35, 4.0}};
     const auto angles =
         boundary_angles(patch.positions, patch.loop, BoundarySpacing::kChordLength, pins);
@@ -102,7 +102,7 @@ TEST(BoundaryAngles, CoincidentBoundaryPointsAreSpreadEvenly) {
 }
 
 TEST(BoundaryAngles, DisorderedPinsAreRefused) {
-    const Patch patch = square(11);
+    const OpenPatch patch = square(11);
     const auto angles = [&](std::vector<BoundaryPin> pins) {
         return boundary_angles(patch.positions, patch.loop, BoundarySpacing::kUniform, pins);
     };
@@ -114,7 +114,7 @@ TEST(BoundaryAngles, DisorderedPinsAreRefused) {
 }
 
 TEST(MatchPins, TheSameLoopShiftedMeetsItself) {
-    const Patch patch = square(11);
+    const OpenPatch patch = square(11);
     BoundaryLoop shifted = patch.loop;
     std::ranges::rotate(shifted, shifted.begin() + 13);
     std::vector<IndexPair> features;
@@ -130,8 +130,8 @@ TEST(MatchPins, TheSameLoopShiftedMeetsItself) {
 }
 
 TEST(MatchPins, FeaturesShareAnAngleOnAnyTwoLoops) {
-    const Patch source = square(11);
-    const Patch target = hemisphere(500);
+    const OpenPatch source = square(11);
+    const OpenPatch target = hemisphere(500);
     const auto n = to_index(target.loop.size());
     const std::vector<IndexPair> features{{30, 2}, {1, n / 3}, {12, n / 2}, {16, n - 3}};
     const auto pins = match_pins(source.positions, source.loop, target.positions, target.loop,
@@ -145,7 +145,7 @@ TEST(MatchPins, FeaturesShareAnAngleOnAnyTwoLoops) {
 }
 
 TEST(MatchPins, AnotherOrderIsRefused) {
-    const Patch patch = square(11);
+    const OpenPatch patch = square(11);
     const auto match = [&](std::vector<IndexPair> features) {
         return match_pins(patch.positions, patch.loop, patch.positions, patch.loop,
                           BoundarySpacing::kUniform, features);
@@ -175,7 +175,7 @@ TEST(Parameterization, APatchWithoutPointsInsideIsItsBoundary) {
 }
 
 TEST(Parameterization, EveryInteriorPointIsAConvexCombinationOfItsNeighbors) {
-    const Patch patch = hemisphere(800);
+    const OpenPatch patch = hemisphere(800);
     const auto options = full();
     const auto result = onto_disk(patch, options);
     // the relation of the system: ten nearest, made mutual (no sheet is thin here)
@@ -205,7 +205,7 @@ TEST(Parameterization, EveryInteriorPointIsAConvexCombinationOfItsNeighbors) {
 
 TEST(Parameterization, BoundaryIsOnTheCircleAndTheRestInside) {
     for (const SolveMode solve : {SolveMode::kFull, SolveMode::kLod}) {
-        const Patch patch = hemisphere(3000);
+        const OpenPatch patch = hemisphere(3000);
         ParameterizationOptions options;
         options.solve = solve;
         const auto result = onto_disk(patch, options);
@@ -216,7 +216,7 @@ TEST(Parameterization, BoundaryIsOnTheCircleAndTheRestInside) {
 }
 
 TEST(Parameterization, AHemisphereKeepsItsSymmetry) {
-    const Patch patch = hemisphere(4000);
+    const OpenPatch patch = hemisphere(4000);
     for (const auto& options : {full(), ParameterizationOptions{}}) {
         const auto result = onto_disk(patch, options);
         const double spacing =
@@ -232,7 +232,7 @@ TEST(Parameterization, AHemisphereKeepsItsSymmetry) {
 }
 
 TEST(Parameterization, TheSimplifiedSolutionComesCloserToTheFullOneAsItGetsFiner) {
-    const Patch patch = hemisphere(8000);
+    const OpenPatch patch = hemisphere(8000);
     const auto exact = onto_disk(patch, full());
     std::vector<double> error;
     for (const Index size : {64, 16, 4}) {
@@ -248,7 +248,7 @@ TEST(Parameterization, TheSimplifiedSolutionComesCloserToTheFullOneAsItGetsFiner
 }
 
 TEST(Parameterization, RadiusNeighborhoodsGiveAboutTheSame) {
-    const Patch patch = hemisphere(3000);
+    const OpenPatch patch = hemisphere(3000);
     ParameterizationOptions ball;
     ball.radius = 2.2;
     const auto a = onto_disk(patch), b = onto_disk(patch, ball);
@@ -256,9 +256,9 @@ TEST(Parameterization, RadiusNeighborhoodsGiveAboutTheSame) {
 }
 
 TEST(Parameterization, DoesNotDependOnPoseSizeOrThreads) {
-    const Patch patch = hemisphere(2000);
+    const OpenPatch patch = hemisphere(2000);
     const Matrix3 turn = shapes::rotation(5);
-    const Patch moved(
+    const OpenPatch moved(
         (patch.positions * turn.transpose() * 250.0).rowwise() + Eigen::RowVector3d(3, -1, 2),
         patch.normals * turn.transpose(), patch.loop);
     EXPECT_LT((onto_disk(patch, full()).points - onto_disk(moved, full()).points)
@@ -279,12 +279,12 @@ TEST(Parameterization, DoesNotDependOnPoseSizeOrThreads) {
 }
 
 TEST(Parameterization, CoincidentPointsStayFiniteAndTogether) {
-    const Patch once = square(21);
+    const OpenPatch once = square(21);
     Positions p(2 * 441, 3);
     p << once.positions, once.positions;
     Normals n(2 * 441, 3);
     n << once.normals, once.normals;
-    const Patch twice(p, n, once.loop);
+    const OpenPatch twice(p, n, once.loop);
     for (const auto& options : {full(), ParameterizationOptions{}}) {
         const auto result = onto_disk(twice, options);
         ASSERT_TRUE(result.points.allFinite());
@@ -301,18 +301,18 @@ TEST(Parameterization, OnlyABoundary) {
     }
     Normals up = Normals::Zero(12, 3);
     up.col(2).setOnes();
-    const auto result = onto_disk(Patch(p, up, loop));
+    const auto result = onto_disk(OpenPatch(p, up, loop));
     for (Index i = 0; i < 12; ++i) EXPECT_NEAR(result.points.row(i).norm(), 1.0, 1e-12);
     EXPECT_EQ(result.unknowns, 0);
 }
 
 TEST(Parameterization, PartsThatDoNotReachTheBoundaryAreRefused) {
-    const Patch one = square(21);
+    const OpenPatch one = square(21);
     Positions p(2 * 441, 3);
     p << one.positions, one.positions.rowwise() + Eigen::RowVector3d(40, 0, 0);
     Normals n(2 * 441, 3);
     n << one.normals, one.normals;
-    const Patch apart(p, n, one.loop);
+    const OpenPatch apart(p, n, one.loop);
     try {
         onto_disk(apart);
         FAIL();
@@ -329,7 +329,7 @@ TEST(Parameterization, TooFewIterationsAreSaid) {
 }
 
 TEST(Parameterization, CancelWorksInsideTheSolver) {
-    const Patch patch = hemisphere(20000);
+    const OpenPatch patch = hemisphere(20000);
     Progress progress([](std::string_view, double fraction) { return fraction < 0.3; },
                       std::chrono::milliseconds{0});
     progress.enter("parameterization");
@@ -363,7 +363,7 @@ TEST(Parameterization, TiesSeparatePartsToTheRestWhereAsked) {
 }
 
 TEST(Example, Parameterization) {
-    const Patch half = hemisphere(1500);
+    const OpenPatch half = hemisphere(1500);
     const Positions& positions = half.positions;
     const Normals& normals = half.normals;
     const Neighborhoods& nearest = half.nearest;
