@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pointmorph
 from made_shapes import Floats, Ints, Part, Random, bent, icosphere, rotation, surface_of
+from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,8 @@ def hand(random: Random) -> list[Part]:
 
 
 def rotation_vector(turn: Floats) -> tuple[float, float, float]:
-    """The rotation vector of a rotation of less than half a turn."""
-    axis = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
-    sine = np.linalg.norm(axis) / 2
-    angle = np.arctan2(sine, (np.trace(turn) - 1) / 2)
-    x, y, z = axis * (0.5 if sine < 1e-9 else angle / (2 * sine))
+    """The rotation vector of a rotation."""
+    x, y, z = Rotation.from_matrix(turn).as_rotvec()
     return float(x), float(y), float(z)
 
 

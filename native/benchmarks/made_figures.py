@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from made_bodies import Body, Family, body_pair, rotation_vector
@@ -136,7 +136,27 @@ def hand(build: Random, pose: Random) -> list[Part]:
     return parts
 
 
+@dataclass
+class Wider:
+    """In place of a draw: as many times as far from the middle of each range."""
+
+    random: Random
+    factor: float
+
+    def uniform(self, low: float | list[float], high: float | list[float]) -> Any:
+        middle = (np.asarray(low) + high) / 2
+        reach = self.factor * (np.asarray(high) - low) / 2
+        return self.random.uniform(middle - reach, middle + reach)
+
+
 Figure = Callable[[Random, Random], list[Part]]
+
+
+def unlike(figure: Figure) -> Family:
+    """Draws builds that differ twice as much, in poses that differ 1.3 times as much."""
+    return lambda random: figure(cast(Random, Wider(random, 2.0)), cast(Random, Wider(random, 1.3)))
+
+
 FIGURES: dict[str, Figure] = {"beasts": beast, "people": person, "hands": hand}
 THIN = ("tail", "finger", "thumb", "ear")
 """Words in the names of thin parts."""

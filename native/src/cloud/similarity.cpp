@@ -296,6 +296,15 @@ Similarity fit_similarity(const Positions& from, const Positions& to) {
     return result;
 }
 
+Similarity fit_rigid_motion(const Positions& from, const Positions& to) {
+    Similarity result;
+    if (from.rows() == 0) return result;
+    result.rotation = fit_similarity(from, to).rotation;
+    const Vector3 from_mean = from.colwise().mean().transpose();
+    result.translation = to.colwise().mean().transpose() - result.rotation * from_mean;
+    return result;
+}
+
 double JointSpread::from_size() const {
     return std::sqrt(from);
 }

@@ -98,9 +98,7 @@ public:
             std::vector<Index> partners;
             for (const Index i : near) partners.push_back(to[to_size(i)]);
             const Positions from = gather(places_, near), there = gather(onto_, partners);
-            const Matrix3 rotation = fit_similarity(from, there).rotation;
-            pose = rotation_about(rotation, from.colwise().mean().transpose(),
-                                  there.colwise().mean().transpose());
+            pose = fit_rigid_motion(from, there);
         }
         return pose;
     }
@@ -146,10 +144,7 @@ std::vector<Similarity> candidate_poses(const CoarsePair& shapes, const PoseOpti
     const Positions &to = places.source, &from = places.target;
     if (to.rows() >= 2) {
         const auto by_features = [&](const Similarity& before) {
-            const Matrix3 rotation = fit_similarity(before.apply(from), to).rotation;
-            const Vector3 mean = before.apply(from).colwise().mean().transpose();
-            return composed(rotation_about(rotation, mean, to.colwise().mean().transpose()),
-                            before);
+            return composed(fit_rigid_motion(before.apply(from), to), before);
         };
         // Two features leave the roll open: each pose gets the least rotation that brings them
         // together. Three or more leave nothing open.

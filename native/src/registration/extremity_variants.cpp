@@ -25,8 +25,7 @@ public:
                      (map.target_points.positions.row(t[j].point) -
                       search.source.thin.positions.row(s[i].point))
                          .norm());
-        along_ = {between(search.source, search.distances[0]),
-                  between(search.target, search.distances[1])};
+        along_ = distances_between_extremities(search);
     }
 
     double operator()(const ExtremityMatches& pairs) const {
@@ -46,13 +45,6 @@ private:
     Eigen::MatrixXd apart_;  ///< under the map, mean of both ways
     NodeDistances along_;    ///< between the extremities of each shape
     std::size_t fewer_;      ///< extremities of the shape that has fewer
-
-    static Eigen::MatrixXd between(const ThinnedShape& shape, const Eigen::MatrixXd& distances) {
-        std::vector<Index> nodes;
-        for (const Extremity& extremity : shape.extremities)
-            nodes.push_back(node_at(shape, extremity.point));
-        return distances(nodes, nodes);
-    }
 };
 
 /// Of `count` extremities those that no pair holds.
@@ -64,9 +56,67 @@ std::vector<Index> left_alone(const std::vector<IndexPair>& pairs, Index count,
     return result;
 }
 
+/// How much more, or less, the distances contradict each other once the targets of two pairs are
+/// swapped.
+double change_by_swap(const ExtremityMatches& pairs, std::size_t i, std::size_t j,
+                      const NodeDistances& along) {
+    const auto& [here, there] = along;
+    const auto off = [&](std::size_t a, Index target_of_a, std::size_t k) {
+        return std::abs(here(pairs[a].source, pairs[k].source) -
+                        there(target_of_a, pairs[k].target));
+    };
+    double change = 0.0;
+    for (std::size_t k = 0; k < pairs.size(); ++k)
+        if (k != i && k != j)
+            change += off(i, pairs[j].target, k) + off(j, pairs[i].target, k) -
+                      off(i, pairs[i].target, k) - off(j, pairs[j].target, k);
+    return change;
+}
+
+/// A pairing of which some pairs have been swapped.
+struct Exchanged {
+    double change;  ///< of how much the distances contradict each other
+    ExtremityMatches pairs;
+    std::vector<char> is_swapped;  ///< of each pair
+
+    void swap(std::size_t i, std::size_t j, const NodeDistances& along) {
+        change += change_by_swap(pairs, i, j, along);
+        std::swap(pairs[i].target, pairs[j].target);
+        is_swapped[i] = is_swapped[j] = 1;
+    }
+
+    /// Swaps what else is better swapped, the best first.
+    void swap_on(const NodeDistances& along) {
+        for (;;) {
+            double best = 0.0;
+            std::pair<std::size_t, std::size_t> which;
+            for (std::size_t i = 0; i < pairs.size(); ++i)
+                for (std::size_t j = 0; j < i; ++j) {
+                    if (is_swapped[i] != 0 || is_swapped[j] != 0) continue;
+                    const double its = change_by_swap(pairs, i, j, along);
+                    if (its < best) best = its, which = {i, j};
+                }
+            if (!(best < 0.0)) return;
+            swap(which.first, which.second, along);
+        }
+    }
+};
+
 }  // namespace
 
-std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const Trial& trial) {
+NodeDistances distances_between_extremities(const PoseSearch& search) {
+    const auto between = [](const ThinnedShape& shape,
+                            const Eigen::MatrixXd& distances) -> Eigen::MatrixXd {
+        std::vector<Index> nodes;
+        for (const Extremity& extremity : shape.extremities)
+            nodes.push_back(node_at(shape, extremity.point));
+        return distances(nodes, nodes);
+    };
+    return {between(search.source, search.distances[0]),
+            between(search.target, search.distances[1])};
+}
+
+ExtremityMatches matches_under(const PoseSearch& search, const Trial& trial) {
     const CoarseShape there = moved(search.target.thin, trial.alignment);
     const Registration& map = trial.registration;
     ExtremityMatches now;
@@ -75,9 +125,14 @@ std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const
              {there, map.target_points.positions, search.target.extremities},
              search.options.extremities))
         now.push_back({p.source, p.target});
+    return now;
+}
+
+std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const Trial& trial) {
+    ExtremityMatches now = matches_under(search, trial);
     if (now.size() < 2) return {};
 
-    const MatchCost cost(search, there, map);
+    const MatchCost cost(search, moved(search.target.thin, trial.alignment), trial.registration);
     std::vector<std::pair<double, ExtremityMatches>> variants;
     for (ExtremityMatches& matches :
          changed_pairings(now, to_index(search.source.extremities.size()),
@@ -122,6 +177,32 @@ std::vector<ExtremityMatches> changed_pairings(const ExtremityMatches& now, Inde
             }
         }
     }
+    return result;
+}
+
+std::vector<ExtremityMatches> exchanged_pairings(const ExtremityMatches& now,
+                                                 const NodeDistances& along, std::size_t count) {
+    std::vector<Exchanged> exchanged;
+    const Exchanged as_is{0.0, now, std::vector<char>(now.size(), 0)};
+    for (std::size_t i = 0; i < now.size(); ++i)
+        for (std::size_t j = 0; j < i; ++j) {
+            Exchanged one = as_is;
+            one.swap(i, j, along);
+            for (std::size_t k = 0; k < i; ++k)
+                for (std::size_t l = 0; l < k; ++l)
+                    if (k != j && l != j) exchanged.emplace_back(one).swap(k, l, along);
+        }
+    std::ranges::stable_sort(exchanged, {}, &Exchanged::change);
+    exchanged.resize(std::min(exchanged.size(), 4 * count));
+    for (Exchanged& one : exchanged) {
+        one.swap_on(along);
+        std::ranges::sort(one.pairs);
+    }
+    std::ranges::stable_sort(exchanged, {}, &Exchanged::change);
+    std::vector<ExtremityMatches> result;
+    for (Exchanged& one : exchanged)
+        if (result.size() < count && std::ranges::find(result, one.pairs) == result.end())
+            result.push_back(std::move(one.pairs));
     return result;
 }
 

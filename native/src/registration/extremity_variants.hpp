@@ -9,6 +9,12 @@
 
 namespace pointmorph {
 
+/// Extremities that a map brings together.
+ExtremityMatches matches_under(const PoseSearch& search, const Trial& trial);
+
+/// Along the source and along the target; rows and columns are places in the lists of extremities.
+NodeDistances distances_between_extremities(const PoseSearch& search);
+
 /// Ways in which the extremities may belong together, the likeliest first: as the map has them, and
 /// changed a little; see changed_pairings().
 std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const Trial& trial);
@@ -18,5 +24,11 @@ std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const
 /// with three exchanged in turn, as nose and ears where a head was turned. Each once, sorted.
 std::vector<ExtremityMatches> changed_pairings(const ExtremityMatches& now, Index sources,
                                                Index targets);
+
+/// The `count` likeliest pairings in which two pairs of `now` or more have swapped their targets, as
+/// both hands and both feet where a person is seen from behind: those in which distances along both
+/// shapes contradict each other least, wherever the map of `now` has taken them. Sorted.
+std::vector<ExtremityMatches> exchanged_pairings(const ExtremityMatches& now,
+                                                 const NodeDistances& along, std::size_t count);
 
 }  // namespace pointmorph

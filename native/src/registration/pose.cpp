@@ -68,9 +68,9 @@ struct FirstTrials {
     std::vector<SelfMotion> motions;  ///< under which the shapes look the same
 };
 
-/// Whether a trial is worth a closer look beside the best of them, which are sorted.
-bool contends(const PoseSearch& search, const Trial& trial, const std::vector<Trial>& trials) {
-    return trial.energy <= search.options.contender_factor * trials.front().energy;
+/// Whether a trial is worse than the best of them, which are sorted, by no more than a factor.
+bool is_within(double factor, const Trial& trial, const std::vector<Trial>& trials) {
+    return trial.energy <= factor * trials.front().energy;
 }
 
 /// Half turns that take a shape close to itself, but not onto itself.
@@ -106,30 +106,68 @@ std::vector<TrialStart> half_turned(const PoseSearch& search, const std::vector<
     return starts;
 }
 
-/// Adds the maps from half a turn away that contend, and that nothing like has been found of. Where
-/// the principal axes of a person with raised arms lie askew, no other trial starts in front of it.
-void try_half_turns(const PoseSearch& search, const std::array<std::vector<Similarity>, 2>& turns,
-                    std::vector<TrialStart> tried, std::vector<Trial>& trials, Progress& progress) {
+/// Places of the extremities that belong together, on the source or the target.
+Positions places_of(const ThinnedShape& shape, const ExtremityMatches& matches,
+                    Index IndexPair::*side) {
+    std::vector<Index> rows;
+    for (const IndexPair& match : matches)
+        rows.push_back(shape.extremities[to_size(match.*side)].point);
+    return gather(shape.thin.positions, rows);
+}
+
+/// From where the extremities lie closest to each other once pairs of them have changed places, as
+/// both hands and both feet where a map takes a person's chest to the other's back.
+std::vector<TrialStart> exchanged(const PoseSearch& search,
+                                  const std::vector<PoseCluster>& clusters) {
+    constexpr std::size_t kOfEach = 2;
+    const NodeDistances along = distances_between_extremities(search);
+    std::vector<TrialStart> starts;
+    for (const PoseCluster& cluster : clusters)
+        for (ExtremityMatches& matches :
+             exchanged_pairings(matches_under(search, *cluster.front()), along, kOfEach)) {
+            if (std::ranges::find(starts, matches, &TrialStart::extremities) != starts.end())
+                continue;
+            const Similarity pose =
+                fit_rigid_motion(places_of(search.target, matches, &IndexPair::target),
+                                 places_of(search.source, matches, &IndexPair::source));
+            const bool is_anchored = anchors(search, matches).size() >= kFewestAnchors;
+            starts.push_back({pose, matches});
+            if (is_anchored) starts.push_back({pose, std::move(matches), true});
+        }
+    return starts;
+}
+
+/// Adds maps that see the shapes from another side than those of `trials`: from half a turn away,
+/// and with pairs of extremities exchanged. Only those that may become the best, and that nothing
+/// like has been found of. Where the principal axes of a person with raised arms lie askew, no
+/// other trial starts in front of it.
+void try_other_sides(const PoseSearch& search, const std::array<std::vector<Similarity>, 2>& turns,
+                     std::vector<TrialStart> tried, std::vector<Trial>& trials,
+                     Progress& progress) {
+    const double factor = search.options.varied_factor;
+    const std::vector<PoseCluster> clusters =
+        pose_clusters(trials, search.options.contender_factor, search.options.other_clusters);
     std::vector<Similarity> poses;
-    for (const PoseCluster& cluster :
-         pose_clusters(trials, search.options.contender_factor, search.options.other_clusters))
+    for (const PoseCluster& cluster : clusters)
         poses.push_back(implied_pose(search, *cluster.front()));
     for (const Similarity& pose : poses) tried.push_back({pose, {}});
-    std::vector<Trial> turned;
-    try_starts(search, half_turned(search, poses, turns, tried), turned, progress);
-    std::erase_if(turned, [&](const Trial& trial) {
-        return !contends(search, trial, trials) ||
+    std::vector<TrialStart> starts = half_turned(search, poses, turns, tried);
+    std::ranges::move(exchanged(search, clusters), std::back_inserter(starts));
+    std::vector<Trial> found;
+    try_starts(search, starts, found, progress);
+    std::erase_if(found, [&](const Trial& trial) {
+        return !is_within(factor, trial, trials) ||
                std::ranges::any_of(trials, [&](const Trial& other) {
-                   return contends(search, other, trials) &&
+                   return is_within(factor, other, trials) &&
                           difference(trial, other) <= kOtherCluster;
                });
     });
-    std::ranges::move(turned, std::back_inserter(trials));
+    std::ranges::move(found, std::back_inserter(trials));
     std::ranges::stable_sort(trials, {}, &Trial::energy);
 }
 
 /// Maps from every candidate pose; then from where the best of them lie, and, of those that
-/// contend, tilted from there and turned round. What the shapes' own symmetries make of one that is
+/// contend, tilted from there and seen from other sides. What the shapes' own symmetries make of one that is
 /// tried isn't tried.
 FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
     // A person whose arms are raised and lie along the sides on the other shape fits as badly at
@@ -153,7 +191,7 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
         for (const Trial* trial : cluster)
             if (trial == cluster.front() || trial->energy <= promising)
                 starts.push_back({implied_pose(search, *trial), {}});
-        if (!contends(search, *cluster.front(), first.trials)) continue;
+        if (!is_within(options.contender_factor, *cluster.front(), first.trials)) continue;
         const Similarity pose = implied_pose(search, *cluster.front());
         for (const Similarity& tilt : tilts(shapes.source, options.tilt))
             if (search.has_marks() ||
@@ -169,7 +207,7 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
         });
     });
     in_part(progress, 0.92, 1.0,
-            [&] { try_half_turns(search, turns, candidates, first.trials, progress); });
+            [&] { try_other_sides(search, turns, candidates, first.trials, progress); });
     return first;
 }
 
@@ -204,7 +242,7 @@ std::vector<TrialStart> varied_starts(const PoseSearch& search, const PoseEffort
     std::vector<PoseCluster> clusters =
         pose_clusters(trials, effort.promising, options.other_clusters);
     std::erase_if(clusters, [&](const PoseCluster& cluster) {
-        return !contends(search, *cluster.front(), trials);
+        return !is_within(options.varied_factor, *cluster.front(), trials);
     });
     std::vector<TrialStart> starts;
     const auto vary = [&](const Trial& trial) {

@@ -84,6 +84,19 @@ TEST(Similarity, RecoversAKnownOne) {
     EXPECT_LT((known.inverse().apply(known.apply(p)) - p).norm(), 1e-12);
 }
 
+TEST(Similarity, ARigidMotionKeepsTheSizeAndTheMiddle) {
+    Positions from(5, 3);
+    from << 1, 2, 3, -1, 0.5, 2, 0, 0, 1, 2, -1, 0.3, 0.2, 0.7, -2;
+    const Similarity known{3.0, Eigen::AngleAxisd(0.8, Vector3(1, 2, -1).normalized()).matrix(),
+                           Vector3(4, -5, 6)};
+    const Positions to = known.apply(from);
+    const Similarity found = fit_rigid_motion(from, to);
+    EXPECT_EQ(found.scale, 1.0);
+    EXPECT_LT((found.rotation - known.rotation).norm(), 1e-10);
+    EXPECT_LT((found.apply(from).colwise().mean() - to.colwise().mean()).norm(), 1e-10);
+    EXPECT_EQ(fit_rigid_motion(Positions(0, 3), Positions(0, 3)).translation, Vector3::Zero());
+}
+
 TEST(Similarity, NeverReflects) {
     const Positions p = shapes::cube_noise(20);
     Positions mirrored = p;

@@ -36,6 +36,9 @@ Similarity composed(const Similarity& after, const Similarity& before);
 /// one line).
 Similarity fit_similarity(const Positions& from, const Positions& to);
 
+/// The same without a scale: the rotation and the translation that take `from` closest to `to`.
+Similarity fit_rigid_motion(const Positions& from, const Positions& to);
+
 /// How both ends of pairs lie about their means.
 struct JointSpread {
     double from = 0.0, to = 0.0;           ///< sums of squared distances
