@@ -56,6 +56,18 @@ std::vector<Index> left_alone(const std::vector<IndexPair>& pairs, Index count,
     return result;
 }
 
+/// `there`: the target as the map has it.
+ExtremityMatches matches_under(const PoseSearch& search, const CoarseShape& there,
+                               const Registration& map) {
+    ExtremityMatches now;
+    for (const ExtremityPair& p : paired_extremities(
+             {search.source.thin, map.source_points.positions, search.source.extremities},
+             {there, map.target_points.positions, search.target.extremities},
+             search.options.extremities))
+        now.push_back({p.source, p.target});
+    return now;
+}
+
 /// How much more, or less, the distances contradict each other once the targets of two pairs are
 /// swapped.
 double change_by_swap(const ExtremityMatches& pairs, std::size_t i, std::size_t j,
@@ -94,7 +106,9 @@ struct Exchanged {
                 for (std::size_t j = 0; j < i; ++j) {
                     if (is_swapped[i] != 0 || is_swapped[j] != 0) continue;
                     const double its = change_by_swap(pairs, i, j, along);
-                    if (its < best) best = its, which = {i, j};
+                    if (!(its < best)) continue;
+                    best = its;
+                    which = {i, j};
                 }
             if (!(best < 0.0)) return;
             swap(which.first, which.second, along);
@@ -117,22 +131,15 @@ NodeDistances distances_between_extremities(const PoseSearch& search) {
 }
 
 ExtremityMatches matches_under(const PoseSearch& search, const Trial& trial) {
-    const CoarseShape there = moved(search.target.thin, trial.alignment);
-    const Registration& map = trial.registration;
-    ExtremityMatches now;
-    for (const ExtremityPair& p : paired_extremities(
-             {search.source.thin, map.source_points.positions, search.source.extremities},
-             {there, map.target_points.positions, search.target.extremities},
-             search.options.extremities))
-        now.push_back({p.source, p.target});
-    return now;
+    return matches_under(search, moved(search.target.thin, trial.alignment), trial.registration);
 }
 
 std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const Trial& trial) {
-    ExtremityMatches now = matches_under(search, trial);
+    const CoarseShape there = moved(search.target.thin, trial.alignment);
+    ExtremityMatches now = matches_under(search, there, trial.registration);
     if (now.size() < 2) return {};
 
-    const MatchCost cost(search, moved(search.target.thin, trial.alignment), trial.registration);
+    const MatchCost cost(search, there, trial.registration);
     std::vector<std::pair<double, ExtremityMatches>> variants;
     for (ExtremityMatches& matches :
          changed_pairings(now, to_index(search.source.extremities.size()),
@@ -182,6 +189,7 @@ std::vector<ExtremityMatches> changed_pairings(const ExtremityMatches& now, Inde
 
 std::vector<ExtremityMatches> exchanged_pairings(const ExtremityMatches& now,
                                                  const NodeDistances& along, std::size_t count) {
+    constexpr std::size_t kSpare = 4;  // some come to the same by further swaps
     std::vector<Exchanged> exchanged;
     const Exchanged as_is{0.0, now, std::vector<char>(now.size(), 0)};
     for (std::size_t i = 0; i < now.size(); ++i)
@@ -193,7 +201,7 @@ std::vector<ExtremityMatches> exchanged_pairings(const ExtremityMatches& now,
                     if (k != j && l != j) exchanged.emplace_back(one).swap(k, l, along);
         }
     std::ranges::stable_sort(exchanged, {}, &Exchanged::change);
-    exchanged.resize(std::min(exchanged.size(), 4 * count));
+    exchanged.resize(std::min(exchanged.size(), kSpare * count));
     for (Exchanged& one : exchanged) {
         one.swap_on(along);
         std::ranges::sort(one.pairs);

@@ -25,9 +25,10 @@ std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const
 std::vector<ExtremityMatches> changed_pairings(const ExtremityMatches& now, Index sources,
                                                Index targets);
 
-/// The `count` likeliest pairings in which two pairs of `now` or more have swapped their targets, as
-/// both hands and both feet where a person is seen from behind: those in which distances along both
-/// shapes contradict each other least, wherever the map of `now` has taken them. Sorted.
+/// Up to `count` likely pairings in which two pairs of `now` or more have swapped their targets, as
+/// both hands and both feet where a person is seen from behind: the two swaps after which distances
+/// along both shapes contradict each other least, wherever the map of `now` has taken them, and
+/// further ones while these lessen that. The likeliest first, the pairs of each sorted.
 std::vector<ExtremityMatches> exchanged_pairings(const ExtremityMatches& now,
                                                  const NodeDistances& along, std::size_t count);
 

@@ -139,8 +139,8 @@ std::vector<TrialStart> exchanged(const PoseSearch& search,
 
 /// Adds maps that see the shapes from another side than those of `trials`: from half a turn away,
 /// and with pairs of extremities exchanged. Only those that may become the best, and that nothing
-/// like has been found of. Where the principal axes of a person with raised arms lie askew, no
-/// other trial starts in front of it.
+/// like and no worse has been found of. Where the principal axes of a person with raised arms lie
+/// askew, no other trial starts in front of it.
 void try_other_sides(const PoseSearch& search, const std::array<std::vector<Similarity>, 2>& turns,
                      std::vector<TrialStart> tried, std::vector<Trial>& trials,
                      Progress& progress) {
@@ -158,8 +158,7 @@ void try_other_sides(const PoseSearch& search, const std::array<std::vector<Simi
     std::erase_if(found, [&](const Trial& trial) {
         return !is_within(factor, trial, trials) ||
                std::ranges::any_of(trials, [&](const Trial& other) {
-                   return is_within(factor, other, trials) &&
-                          difference(trial, other) <= kOtherCluster;
+                   return other.energy <= trial.energy && difference(trial, other) <= kOtherCluster;
                });
     });
     std::ranges::move(found, std::back_inserter(trials));
@@ -167,8 +166,8 @@ void try_other_sides(const PoseSearch& search, const std::array<std::vector<Simi
 }
 
 /// Maps from every candidate pose; then from where the best of them lie, and, of those that
-/// contend, tilted from there and seen from other sides. What the shapes' own symmetries make of one that is
-/// tried isn't tried.
+/// contend, tilted from there and seen from other sides. What the shapes' own symmetries make of a
+/// candidate, tilt or half turn that is tried isn't tried.
 FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
     // A person whose arms are raised and lie along the sides on the other shape fits as badly at
     // first where head and front are right, but not from where that map lies.

@@ -117,8 +117,7 @@ TEST(ExtremityVariants, AllLimbsOfBothSidesAreExchangedAtOnce) {
     places << 1, 0, 0, -1, 0, 0, 1.2, 2, 0, -1.2, 2, 0, 0.8, 5, 0, -0.8, 5, 0, 0, 7, 0.5;
     Eigen::MatrixXd distances(7, 7);
     for (Index i = 0; i < 7; ++i)
-        for (Index j = 0; j < 7; ++j)
-            distances(i, j) = (places.row(i) - places.row(j)).norm();
+        for (Index j = 0; j < 7; ++j) distances(i, j) = (places.row(i) - places.row(j)).norm();
     const ExtremityMatches now{{0, 0}, {1, 1}, {2, 2}, {3, 3}, {4, 4}, {5, 5}, {6, 6}};
     const ExtremityMatches wanted{{0, 1}, {1, 0}, {2, 3}, {3, 2}, {4, 5}, {5, 4}, {6, 6}};
     const auto found = exchanged_pairings(now, {distances, distances}, 1);

@@ -59,7 +59,8 @@ struct PoseOptions {
     // What is worse than the best by such a factor isn't followed further:
     double halfway_factor = 1.15;    ///< of maps that extremities have led halfway, in one round
     double contender_factor = 1.15;  ///< of clusters, and of maps registered for longer
-    double varied_factor = 1.3;      ///< of clusters whose extremities are varied
+    /// Of clusters whose extremities are varied, and of maps that see the shapes from another side.
+    double varied_factor = 1.3;
     /// At the finest level maps are ranked by energy · (1 + so many times the share of torn edges).
     /// With more, maps would be preferred that lay head on tail where a limb has no partner, as
     /// right maps tear there. Two maps of one pose differ less: restarts weigh tears more.
