@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pointmorph
 import pytest
 from made_bodies import Body
+from made_figures import FIGURES, limb_numbers
 from scipy.spatial import cKDTree
 
 Array = npt.NDArray[Any]
@@ -182,7 +183,11 @@ def test_a_head_alone_goes_to_the_head_of_another_body(is_source: bool) -> None:
     neck = head.truth[cKDTree(body.positions[~body.is_shared]).query(head.truth)[0] < 0.4 * size]
     neck = head.positions[cKDTree(neck).query(head.truth)[0] < 1e-9]
     rest = np.linalg.norm(body.truth - head.positions.mean(axis=0), axis=1) > 2.5 * size
-    assert cKDTree(neck).query(back[rest])[0].max() < 0.3 * size
+    assert cKDTree(neck).query(back[rest])[0].max() < 0.4 * size
+    limbs, of_part = limb_numbers(FIGURES["beasts"], 1)
+    names = [limbs[limb] for limb in of_part]
+    drawn_to = head.parts[cKDTree(head.positions).query(back[rest])[1]]
+    assert {names[part] for part in np.unique(drawn_to)} == {"neck"}
     said = [w for w in morph.report["warnings"] if "head ends where body goes on" in w]
     assert len(said) == 1
     assert morph.report["likely_right"] > 0.8
