@@ -318,12 +318,20 @@ def true_pairs(bodies: tuple[Body, Body]) -> Ints:
     return np.concatenate([ways[0], ways[1][:, ::-1]])
 
 
+def from_truth(bodies: tuple[Body, Body], images: tuple[Floats, Floats]) -> list[Floats]:
+    """How far from where it belongs the image of each point is that both have, in √area."""
+    return [
+        np.linalg.norm(its - body.truth, axis=1)[body.is_shared]
+        / np.sqrt(cloud_area(other.positions))
+        for body, other, its in zip(bodies, bodies[::-1], images, strict=True)
+    ]
+
+
 def of_truth(bodies: tuple[Body, Body], images: tuple[Floats, Floats]) -> Figures:
-    away, spacings = [], []
-    for body, other, its in zip(bodies, bodies[::-1], images, strict=True):
-        off = np.linalg.norm(its - body.truth, axis=1)[body.is_shared]
-        away.append(off / np.sqrt(cloud_area(other.positions)))
-        spacings.append(away[-1] * np.sqrt(len(other.positions)))
+    away = from_truth(bodies, images)
+    spacings = [
+        its * np.sqrt(len(other.positions)) for its, other in zip(away, bodies[::-1], strict=True)
+    ]
     wrong = 100 * float((np.concatenate(away) > OFF).mean())
     return {
         "off the truth": float(np.concatenate(spacings).mean()),

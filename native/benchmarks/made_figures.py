@@ -36,10 +36,36 @@ class Limb:
         return Part(self.name, tuple(middle), half, 0.6, rotation_vector(self.turn))
 
 
+@dataclass(frozen=True)
+class BeastRange:
+    """Least and most of the lengths of beasts."""
+
+    trunk: tuple[list[float], list[float]]
+    """Its length, half its height, and half the length of a leg."""
+    ends: tuple[list[float], list[float]]
+    """Length and radius of the tail, and length of the neck."""
+    aside: float = 0.0
+    """How far from the middle legs stand at least."""
+
+
+BEASTS = BeastRange(([1.2, 0.26, 0.4], [1.6, 0.36, 0.55]), ([0.6, 0.03, 0.3], [0.9, 0.04, 0.6]))
+UNLIKE_BEASTS = BeastRange(([1.0, 0.2, 0.22], [1.6, 0.45, 0.85]),
+                           ([0.2, 0.03, 0.15], [1.2, 0.06, 1.1]), 0.19)  # fmt: skip
+
+
 def beast(build: Random, pose: Random) -> list[Part]:
     """Four legs, a neck, a head with ears, and a thin tail."""
-    length, fat, leg = build.uniform([1.2, 0.26, 0.4], [1.6, 0.36, 0.55])
-    tail, thin, neck = build.uniform([0.6, 0.03, 0.3], [0.9, 0.04, 0.6])
+    return beast_in(BEASTS, build, pose)
+
+
+def unlike_beast(build: Random, pose: Random) -> list[Part]:
+    """Builds as far apart as those of a pig and a giraffe, with legs spread."""
+    return beast_in(UNLIKE_BEASTS, build, pose)
+
+
+def beast_in(ranges: BeastRange, build: Random, pose: Random) -> list[Part]:
+    length, fat, leg = build.uniform(*ranges.trunk)
+    tail, thin, neck = build.uniform(*ranges.ends)
     parts = [Part("body", (0, 0, 0), (length / 2, 0.8 * fat, fat), 0.8)]
     limb = Limb("neck", np.array((0.42 * length, 0, 0.4 * fat)), rotation((0, 0.7, 0)))
     for _ in range(2):
@@ -53,7 +79,8 @@ def beast(build: Random, pose: Random) -> list[Part]:
         parts.append(Part(f"ear {y}", tuple(at + ear @ (0, 0, 0.08)), (0.03, 0.05, 0.14), 0.8,
                           rotation_vector(ear)))  # fmt: skip
         for x in (-1, 1):
-            at = np.array((0.38 * x * length, 0.5 * y * fat, -0.45 * fat))
+            aside = max(0.5 * fat, ranges.aside)
+            at = np.array((0.38 * x * length, y * aside, -0.45 * fat))
             limb = Limb(f"leg {x} {y}", at, DOWN)
             knee = -x * pose.uniform(0.0, 0.6)
             for share, thick, bend in (
@@ -155,6 +182,11 @@ Figure = Callable[[Random, Random], list[Part]]
 def unlike(figure: Figure) -> Family:
     """Draws builds that differ twice as much, in poses that differ 1.3 times as much."""
     return lambda random: figure(cast(Random, Wider(random, 2.0)), cast(Random, Wider(random, 1.3)))
+
+
+def any_build(figure: Figure) -> Family:
+    """Draws a build with each pose."""
+    return lambda random: figure(random, random)
 
 
 FIGURES: dict[str, Figure] = {"beasts": beast, "people": person, "hands": hand}
