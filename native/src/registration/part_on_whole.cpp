@@ -38,7 +38,8 @@ struct Sides {
 };
 
 constexpr Index kFewestRows = 100;  // of a piece
-constexpr double kLargest = 0.7;    // share of the whole: what is larger is no part
+constexpr double kLargest = 0.7;    // share of the whole: what is larger is no part …
+constexpr double kSmall = 0.8;      // … unless the part is smaller than that, both at area 1
 
 /// A piece of the whole, laid where the part was given.
 struct Piece {
@@ -263,18 +264,22 @@ double overlap(const std::vector<Index>& a, const std::vector<Index>& b) {
     return static_cast<double>(both.size()) / static_cast<double>(std::max(a.size(), b.size()));
 }
 
-/// The pieces that are worth a map, the likeliest first, each another one.
+/// The pieces that are worth a map, the likeliest first, each another one; all of them, or the
+/// likeliest of a part that is clearly small.
 std::vector<std::pair<Piece, double>> likely_pieces(const PartOfWhole& shapes,
-                                                    const PartMarks& marks, Progress& progress) {
-    constexpr std::size_t kPlaces = 40, kMost = 4;
+                                                    const PartMarks& marks, bool all,
+                                                    Progress& progress) {
+    constexpr std::size_t kPlaces = 40;
+    const std::size_t most = all ? 4 : 1;
     constexpr double kWorthATry = 2.0, kSame = 0.5;
     const std::vector<PartPlace> places =
-        find_part(shapes.part(), shapes.whole(), marks, kPlaces, progress);
+        find_part(shapes.part(), shapes.whole(), marks, {kPlaces, !all}, progress);
     std::vector<std::pair<Piece, double>> pieces;
     for (const PartPlace& place : places) {
-        if (pieces.size() == kMost || place.misfit > kWorthATry * places.front().misfit) break;
+        if (pieces.size() == most || place.misfit > kWorthATry * places.front().misfit) break;
         Piece piece = shapes.piece(place);
-        const bool is_small = shapes.share(piece) < kLargest;
+        // With the margin, the piece of a half may be most of the whole.
+        const bool is_small = shapes.share(piece) < kLargest || place.pose.scale < kSmall;
         if (pieces.empty() && !is_small) break;  // the shape lacks little
         if (to_index(piece.rows.size()) >= kFewestRows && is_small &&
             std::ranges::none_of(pieces, [&](const auto& other) {
@@ -301,15 +306,15 @@ void doubt(Diagnostics& diagnostics, double ratio) {
     add(others.target, diagnostics.alternatives.target_rows.size());
 }
 
-/// The best of the maps onto pieces; none where there are none. It is doubted for the others, and
-/// where it doesn't fit well.
+/// The best of the maps onto likely_pieces(); none where there are none. It is doubted for the
+/// others, and where it doesn't fit well.
 std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks& marks,
-                                      std::span<const Feature> features,
+                                      std::span<const Feature> features, bool all,
                                       const RefinementOptions& options, Progress& progress) {
     constexpr double kCost = 8.0;  // how soon a dearer one doesn't count
     constexpr double kDear = 0.035, kSteep = 4.0;
     std::vector<std::pair<double, PieceMap>> maps;
-    for (const auto& [piece, misfit] : likely_pieces(shapes, marks, progress)) {
+    for (const auto& [piece, misfit] : likely_pieces(shapes, marks, all, progress)) {
         const auto mine = features_within(features, shapes.sides(), piece.rows);
         if (!mine) continue;
         Refinement map = shapes.map_onto(piece, *mine, options, progress, nullptr);
@@ -337,9 +342,9 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
                                  std::span<const Feature> features,
                                  const RefinementOptions& options, Progress& progress,
                                  const RefinementStart* start) {
-    constexpr double kFits = 0.025;  // what a map costs at most of a shape that lacks little
-    constexpr double kMuchBetter = 0.75;
-    constexpr double kSmall = 0.8;  // scale of a part
+    constexpr double kFits = 0.025;      // what a map costs at most of a shape that lacks little
+    constexpr double kFitsWell = 0.012;  // none better is looked for
+    constexpr double kMuchBetter = 0.75, kBetter = 0.9;
     const auto onto_all = [&] {
         return PartOrWhole{refine(source, target, features, options, progress, start)};
     };
@@ -362,15 +367,18 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
             shapes.emplace(GivenClouds{source, target}, options, quiet);
             marks = shapes->marks(features, quiet);
             if (marks.say_all() && marks.pose().scale < kSmall)
-                if (auto best = best_on_piece(*shapes, marks, features, options, progress))
+                if (auto best = best_on_piece(*shapes, marks, features, true, options, progress))
                     return {std::move(best->map), true};
         }
         PartOrWhole whole = onto_all();
         const double its = cost(whole.map, options.pose);
-        if (!(its > kFits)) return whole;
+        const bool fits = !(its > kFits);
+        if (fits && (!(its > kFitsWell) || marks.part.rows() > 0)) return whole;
         if (!shapes) shapes.emplace(GivenClouds{source, target}, options, quiet);
-        auto best = best_on_piece(*shapes, marks, features, options, quiet);
-        if (!best || !(best->cost < kMuchBetter * its)) return whole;
+        // Laid out as large as the whole, a half's torso is drawn over hips and legs, which costs
+        // little: a cheap map may be wrong, too.
+        auto best = best_on_piece(*shapes, marks, features, !fits, options, quiet);
+        if (!best || !(best->cost < (fits ? kBetter : kMuchBetter) * its)) return whole;
         return {std::move(best->map), true};
     });
 }

@@ -132,7 +132,7 @@ Profile Profiles::at(Index row, double most, Near& near) const {
 /// How unlike a place of the part and one of the whole are if the part is as large as the scale
 /// says; infinite where too little is known.
 double unlike(const Profile& part, const Profile& whole, int scale) {
-    constexpr int kFewest = 4;
+    constexpr int kFewest = 2;  // a head on a whole body has no more between spacing and rim
     // Ball k of the part is ball k + kScales − 1 − scale of the whole.
     const int shift = kScales - 1 - scale;
     const int first = std::max(part.first, whole.first - shift),
@@ -235,7 +235,7 @@ public:
     }
 
     /// Where places of the part look like places of the whole.
-    std::vector<Seed> seeds(Progress& progress) const;
+    std::vector<Seed> seeds(bool smaller_only, Progress& progress) const;
     /// With the first of the marks on its partner.
     std::vector<Seed> seeds_at(const PartMarks& marks, Progress& progress) const;
     const std::vector<Index>& rows() const { return rows_; }
@@ -374,15 +374,17 @@ private:
 };
 
 /// Whether the part looks less and less like the whole as it shrinks: then it is as large as the
-/// whole, or nearly. What is a part of it looks like it again where it is as small as there.
-bool lacks_little(const ProfileDistances& distances) {
+/// whole, or nearly. What is a part of it looks like it again where it is as small as there; if
+/// `smaller_only`, more than at the largest scale.
+bool lacks_little(const ProfileDistances& distances, bool smaller_only) {
     std::array<double, kScales> means;
     for (int scale = 0; scale < kScales; ++scale)
         means[to_size(scale)] = distances.least_mean(scale);
-    return std::ranges::is_sorted(means);
+    return smaller_only ? std::ranges::min_element(means) == means.begin()
+                        : std::ranges::is_sorted(means);
 }
 
-std::vector<Seed> PartSearch::seeds(Progress& progress) const {
+std::vector<Seed> PartSearch::seeds(bool smaller_only, Progress& progress) const {
     constexpr Index kPlaces = 1200;
     constexpr int kTurns = 10;
     constexpr double kFewestSpacings = 3.0, kRounding = 1.0 + 1e-9;
@@ -402,7 +404,7 @@ std::vector<Seed> PartSearch::seeds(Progress& progress) const {
                  {kFirstRadius * scale_of(kScales - 1), kRadii + kScales - 1, least(whole_)})
             .of(places, std::vector<double>(places.size(), farthest), progress),
         progress);
-    if (lacks_little(distances)) return {};
+    if (lacks_little(distances, smaller_only)) return {};
     const std::vector<Index> few = some(kFew);
     std::vector<std::vector<Seed>> found(of_part.size() * kScales);
     parallel_for(
@@ -489,12 +491,13 @@ bool PartMarks::say_all() const {
 }
 
 std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& whole,
-                                 const PartMarks& marks, std::size_t most, Progress& progress) {
+                                 const PartMarks& marks, const PartChoice& choice,
+                                 Progress& progress) {
     if (marks.say_all()) return {{marks.pose(), 0.0}};
     const PartSearch search(part, whole);
     if (!search.is_possible()) return {};
-    std::vector<Seed> seeds =
-        marks.part.rows() > 0 ? search.seeds_at(marks, progress) : search.seeds(progress);
+    std::vector<Seed> seeds = marks.part.rows() > 0 ? search.seeds_at(marks, progress)
+                                                    : search.seeds(choice.smaller_only, progress);
     const auto settle = [&](std::size_t points, int rounds) {
         seeds = all_settled(search, seeds, points, rounds, progress);
         constexpr double kMarkApart = 0.3;
@@ -508,7 +511,7 @@ std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& who
     settle(60, 6);
     keep_apart(seeds, 0.1, 40);
     settle(250, 10);
-    keep_apart(seeds, 0.25, most);
+    keep_apart(seeds, 0.25, choice.most);
     std::vector<PartPlace> places;
     for (const Seed& seed : seeds) places.push_back({seed.pose, seed.misfit});
     return places;

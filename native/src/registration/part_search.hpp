@@ -30,12 +30,19 @@ struct PartPlace {
     double misfit = 0.0;
 };
 
-/// The places where the part fits best, best first; at most `most`. The part has ends, and both
-/// shapes have unit area. Where there are marks, they lie close to each other in all of them;
-/// where there are none, a part that looks less and less like the whole as it shrinks has no place.
-/// Throws Cancelled.
+/// Which places are looked for.
+struct PartChoice {
+    std::size_t most;  ///< at most so many
+    bool smaller_only =
+        false;  ///< none where the part looks most like the whole at the largest scale
+};
+
+/// The places where the part fits best, best first. The part has ends, and both shapes have unit
+/// area. Where there are marks, they lie close to each other in all of them; where there are none,
+/// a part that looks less and less like the whole as it shrinks has no place. Throws Cancelled.
 std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& whole,
-                                 const PartMarks& marks, std::size_t most, Progress& progress);
+                                 const PartMarks& marks, const PartChoice& choice,
+                                 Progress& progress);
 
 /// Coarse rows of the whole that the part covers where it lies, with what lies around them along
 /// the surface, as far as `margin` (√area of the part).

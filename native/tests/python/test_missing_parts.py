@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from compare_measures import cloud_area
 from made_bodies import Body
 from made_figures import FIGURES, limb_numbers
 from scipy.spatial import cKDTree
@@ -196,6 +197,19 @@ def test_a_head_alone_goes_to_the_head_of_another_body(
     assert morph.report["likely_right"] > 0.8
     assert set(np.asarray(morph.pairs)[:, 0 if is_source else 1]) == set(range(6000))
     assert set(np.asarray(morph.pairs)[:, 1 if is_source else 0]) == set(range(6000))
+
+
+# Halves that were drawn over the hips, one whose piece with what lies around it is most of the
+# body, and a head so small that few balls fit between the spacing of the body and its rim.
+@pytest.mark.parametrize("seed", [14, 18, 19, 74])
+def test_what_is_alone_is_as_large_as_on_the_whole(seed: int) -> None:
+    part, body = made_models.alone_pair(seed, 8000)
+    morph = pointmorph.morph(named("part", part), named("body", body))
+    spacing = np.sqrt(cloud_area(body.positions) / len(body.positions))
+    off = np.linalg.norm(morph.source_to_target - part.truth, axis=1)[part.is_shared]
+    assert off.mean() < 1.5 * spacing
+    assert (off > 0.1 * np.sqrt(cloud_area(body.positions))).mean() < 0.05
+    assert morph.report["confidence"] > 0.8
 
 
 @pytest.mark.parametrize("is_source", [True, False])

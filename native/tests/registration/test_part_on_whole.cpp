@@ -154,7 +154,7 @@ TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
     const CoarseShape body = coarse_of(whole, bust.whole_normals);
     const auto find = [&](int threads) {
         const ThreadCount limit(threads);
-        return find_part(head, body, {}, 3, progress);
+        return find_part(head, body, {}, {3}, progress);
     };
     const std::vector<PartPlace> places = find(1);
     ASSERT_FALSE(places.empty());
@@ -166,6 +166,9 @@ TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
               0.05 * truth.scale);
     for (std::size_t k = 1; k < places.size(); ++k)
         EXPECT_GE(places[k].misfit, places[k - 1].misfit);
+    const std::vector<PartPlace> if_small = find_part(head, body, {}, {3, true}, progress);
+    ASSERT_FALSE(if_small.empty());
+    EXPECT_EQ(if_small.front().misfit, places.front().misfit);
 
     const std::vector<char> covered = covered_by_part(head, body, places.front().pose, 0.12);
     Index wrong = 0;
@@ -198,7 +201,9 @@ TEST(PartOnWhole, WhatIsAboutAsLargeAsTheWholeHasNoPlaceOnIt) {
     const Positions most = at_unit_area(gather(bust.whole, kept) * shapes::rotation(3));
     const Normals normals = gather(bust.whole_normals, kept) * shapes::rotation(3);
     const CoarseShape body = coarse_of(at_unit_area(bust.whole), bust.whole_normals);
-    EXPECT_TRUE(find_part(coarse_of(most, normals, ends), body, {}, 3, progress).empty());
+    const CoarseShape part = coarse_of(most, normals, ends);
+    EXPECT_TRUE(find_part(part, body, {}, {3}, progress).empty());
+    EXPECT_TRUE(find_part(part, body, {}, {3, true}, progress).empty());
 }
 
 TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {
