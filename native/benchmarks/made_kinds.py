@@ -1,4 +1,4 @@
-"""Kinds of figures made by script on which no step of the method was made: from ants to birds.
+"""Kinds of figures made by script that the method wasn't made for, from ants to birds.
 
 As in `made_figures`, each is drawn from a build and a pose, and is a body of one piece (see
 `made_bodies`). Two of a kind differ in both. Beside them, beasts and people of unlike builds.

@@ -17,6 +17,7 @@
 #include "registration/extremity_variants.hpp"
 #include "registration/likeness.hpp"
 #include "registration/pose_trials.hpp"
+#include "registration/rolls.hpp"
 #include "registration/self_motions.hpp"
 
 namespace pointmorph {
@@ -286,6 +287,9 @@ struct Finals {
     double least_relaxed = std::numeric_limits<double>::infinity();  ///< of all, before that
 };
 
+/// What raises doubts by less isn't looked at.
+constexpr double kLeastDoubt = 0.05;
+
 /// How much a competitor speaks against a map.
 double doubt_from(const Competitor& other) {
     constexpr double kCost = 40.0;
@@ -299,7 +303,6 @@ double doubt_from(const Competitor& other) {
 bool may_matter(const Candidate& map, const Positions& best_images, double least) {
     constexpr double kMayWin = 1.03;
     constexpr double kMayFall = 0.05;  // by which ratios of costs change there
-    constexpr double kLeastDoubt = 0.05;
     const double ratio = map.cost / least;
     const double apart = (images_at_rest(map) - best_images).rowwise().norm().mean();
     return ratio <= kMayWin || doubt_from({std::max(ratio - kMayFall, 1.0), apart}) > kLeastDoubt;
@@ -384,6 +387,43 @@ void add_symmetric(const PoseSearch& search, std::span<const SelfMotion> motions
     maps = std::move(kept);
     for (Candidate& map : symmetric) maps.push_back(std::move(map));
     std::ranges::stable_sort(maps, {}, &Candidate::cost);
+}
+
+/// Adds the best map of long thin shapes, rolled by half a turn about their length where no mark
+/// tells. What such a map costs says how either shape happens to be bent, not what is its belly,
+/// unless it is much more than what the best one does, as that of feet in the air is.
+void add_rolled(const PoseSearch& search, std::vector<Candidate>& maps) {
+    constexpr double kBent = 2.0;  // times the best one's cost, for bends and for its rough places
+    const CoarseShape &source = search.source.full, &target = search.target.full;
+    const auto rolls = half_rolls(source, search.distances[0]);
+    if (!rolls || !half_rolls(target, search.distances[1])) return;
+    Candidate same = maps.front(), rolled = followed_by_turns(same, source, target, rolls->turns);
+    rate(search, same);
+    rate(search, rolled);
+    if (!(same.cost > 0.0)) return;
+    const double ratio = std::max(1.0, rolled.cost / (kBent * same.cost));
+    std::vector<Index> features;
+    for (const IndexPair& feature : search.features) features.push_back(feature.source);
+    Candidate other =
+        followed_by_turns(maps.front(), source, target, untold_turns(*rolls, source, features));
+    const double apart =
+        (images_at_rest(other) - images_at_rest(maps.front())).rowwise().norm().mean();
+    if (!(doubt_from({ratio, apart}) > kLeastDoubt)) return;
+    const auto found = std::find_if(maps.begin() + 1, maps.end(), [&](const Candidate& map) {
+        return difference(map, other) < search.options.distinct;
+    });
+    double cost = ratio * maps.front().cost, energy = ratio * maps.front().energy;
+    if (found != maps.end()) {  // it is less rough
+        cost = std::min(cost, found->cost);
+        energy = std::min(energy, found->energy);
+        other = std::move(*found);
+        maps.erase(found);
+    }
+    other.cost = cost;
+    other.energy = energy;
+    const auto place =
+        std::ranges::lower_bound(maps.begin() + 1, maps.end(), other.cost, {}, &Candidate::cost);
+    maps.insert(place, std::move(other));
 }
 
 bool looks_wrong(const PoseSearch& search, const Candidate& map) {
@@ -519,6 +559,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
     prefer_as_given(finals, shapes.source, options);
+    add_rolled(search, finals);
     const std::vector<NodeImages> tried_images = node_images(trials);
     Alternatives alternatives = alternatives_to_first(shapes, finals, tried_images);
     keep_distinct(finals, options.distinct);

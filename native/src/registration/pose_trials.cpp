@@ -232,27 +232,6 @@ void keep_best(std::vector<Trial>& trials, double distinct) {
     keep_distinct(trials, distinct);
 }
 
-/// Says what a map of the finest level costs.
-void rate(const PoseSearch& search, Candidate& map) {
-    Progress silent;
-    const CoarseShape there = moved(search.target.full, map.alignment);
-    const CoarsePair shapes{search.source.full, there, search.features};
-    const Registration& its = map.registration;
-    map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
-                                     search.distances, search.registration, silent);
-    map.energy = map.misfit.energy();
-    if (search.has_symmetries() || search.counts_likeness) {
-        const Positions of_source = map.alignment.inverse().apply(
-                            gather(its.source_points.positions, search.source.full_rows)),
-                        of_target = gather(its.target_points.positions, search.target.full_rows);
-        const BothImages images(search, of_source, of_target);
-        map.energy *= dearer_by_asymmetry(search, images);
-        if (search.counts_likeness) map.energy *= dearer_by_unlikeness(search, images);
-    }
-    map.torn = torn_share(shapes, its, search.registration, silent);
-    map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
-}
-
 /// A trial's map on all points of the coarsest level, carried to the nodes of the finest.
 RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial) {
     Progress silent;
@@ -290,6 +269,26 @@ Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map) {
 }
 
 }  // namespace
+
+void rate(const PoseSearch& search, Candidate& map) {
+    Progress silent;
+    const CoarseShape there = moved(search.target.full, map.alignment);
+    const CoarsePair shapes{search.source.full, there, search.features};
+    const Registration& its = map.registration;
+    map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
+                                     search.distances, search.registration, silent);
+    map.energy = map.misfit.energy();
+    if (search.has_symmetries() || search.counts_likeness) {
+        const Positions of_source = map.alignment.inverse().apply(
+                            gather(its.source_points.positions, search.source.full_rows)),
+                        of_target = gather(its.target_points.positions, search.target.full_rows);
+        const BothImages images(search, of_source, of_target);
+        map.energy *= dearer_by_asymmetry(search, images);
+        if (search.counts_likeness) map.energy *= dearer_by_unlikeness(search, images);
+    }
+    map.torn = torn_share(shapes, its, search.registration, silent);
+    map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
+}
 
 double difference(const NodePlaces& a, const NodePlaces& b) {
     constexpr double kWorst = 0.03, kShare = 0.35;

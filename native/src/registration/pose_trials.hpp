@@ -166,6 +166,9 @@ std::vector<RelaxedMap> relaxed_on_all_points(const PoseSearch& search,
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<RelaxedMap>& maps,
                                  Progress& progress);
 
+/// Says what a map of the finest level costs.
+void rate(const PoseSearch& search, Candidate& map);
+
 /// A map of the finest level with each of the motions, and what that costs.
 std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& map,
                                     std::span<const SelfMotion> motions, Progress& progress);

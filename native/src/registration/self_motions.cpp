@@ -27,10 +27,16 @@ Deformation moved(const Deformation& deformation, const Similarity& motion) {
     return result;
 }
 
-/// Images of points that are moved first: those of what lies next to where they come to.
 DeformedCloud preceded(const DeformedCloud& images, const CoarseShape& shape,
                        const Similarity& motion) {
-    const Positions there = motion.apply(shape.positions);
+    return preceded(images, shape, motion.apply(shape.positions),
+                    std::vector<Matrix3>(to_size(shape.size()), motion.rotation));
+}
+
+}  // namespace
+
+DeformedCloud preceded(const DeformedCloud& images, const CoarseShape& shape,
+                       const Positions& there, std::span<const Matrix3> rotations) {
     const std::vector<Index> rows = nearest_rows(KdTree<3>(shape.positions), there);
     DeformedCloud result = images;
     for (Index i = 0; i < shape.size(); ++i) {
@@ -40,12 +46,11 @@ DeformedCloud preceded(const DeformedCloud& images, const CoarseShape& shape,
             images.positions.row(nearest) +
             (there.row(i) - shape.positions.row(nearest)) * linear.transpose();
         result.normals.row(i) = images.normals.row(nearest);
-        result.linear[to_size(i)] = linear * motion.rotation;
+        result.linear[to_size(i)] = linear * rotations[to_size(i)];
     }
     return result;
 }
 
-/// The nodes' deformation that has these images.
 Deformation at_nodes(const DeformedCloud& images, const DeformationGraph& graph) {
     Deformation result{gather(images.positions, graph.node_rows), {}, Values(graph.size())};
     for (Index k = 0; k < graph.size(); ++k) {
@@ -56,8 +61,6 @@ Deformation at_nodes(const DeformedCloud& images, const DeformationGraph& graph)
     }
     return result;
 }
-
-}  // namespace
 
 SelfMotions::SelfMotions(const CoarseShape& shape, const std::vector<Index>& probes)
     : shape_(shape),

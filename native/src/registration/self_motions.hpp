@@ -2,6 +2,7 @@
 // ways, of which one has to be tried. Not for callers of the library.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/types.hpp"
@@ -50,5 +51,13 @@ DistinctPoses distinct_poses(const std::vector<Similarity>& poses, const SelfMot
 /// it is the target's. Its misfit is that of `map`. `target` is at rest.
 Candidate followed_by_motion(const Candidate& map, const CoarseShape& source,
                              const CoarseShape& target, const SelfMotion& self);
+
+/// Images of points that are moved first, to `there` (#points by 3), and turned: those of what lies
+/// next to where they come to.
+DeformedCloud preceded(const DeformedCloud& images, const CoarseShape& shape,
+                       const Positions& there, std::span<const Matrix3> rotations);
+
+/// The nodes' deformation that has these images of all coarse points.
+Deformation at_nodes(const DeformedCloud& images, const DeformationGraph& graph);
 
 }  // namespace pointmorph
