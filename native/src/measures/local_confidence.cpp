@@ -157,7 +157,8 @@ Values weights_of(const OtherMaps& others, double exponent, const JudgedWay& way
 struct WeighedMaps {
     const Alternatives& maps;
     Values finished, trials;
-    Values elsewhere;  ///< of those of the finished that lay the whole shape otherwise, not there
+    /// Of those of the finished that lay the whole shape otherwise, or roll it; not there.
+    Values elsewhere;
 };
 
 WeighedMaps weighed(const Alternatives& maps, const JudgedWay& there,
@@ -177,7 +178,8 @@ WeighedMaps weighed(const Alternatives& maps, const JudgedWay& there,
                        {}};
     result.elsewhere = Values::Zero(result.finished.size());
     for (Eigen::Index k = 0; k < result.finished.size(); ++k)
-        if ((maps.finished.source.row(k).array() / kElsewhere).min(1.0).mean() >= kMostOfIt)
+        if (maps.finished.rolled == k ||
+            (maps.finished.source.row(k).array() / kElsewhere).min(1.0).mean() >= kMostOfIt)
             std::swap(result.finished[k], result.elsewhere[k]);
     return result;
 }

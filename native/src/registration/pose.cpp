@@ -421,6 +421,7 @@ void add_rolled(const PoseSearch& search, std::vector<Candidate>& maps) {
     }
     other.cost = cost;
     other.energy = energy;
+    other.is_rolled = true;
     const auto place =
         std::ranges::lower_bound(maps.begin() + 1, maps.end(), other.cost, {}, &Candidate::cost);
     maps.insert(place, std::move(other));
@@ -475,6 +476,8 @@ Alternatives alternatives_to_first(const CoarsePair& shapes, std::span<const Can
     for (std::size_t k = 0; k < others.size(); ++k)
         result.finished.ratios[static_cast<Eigen::Index>(k)] =
             ratio_in_doubt(best, others[k], tried);
+    const auto rolled = std::ranges::find_if(maps.subspan(1), &Candidate::is_rolled);
+    if (rolled != maps.end()) result.finished.rolled = to_index(rolled - maps.begin()) - 1;
     if (tried.empty()) return result;
     constexpr double kWorst = 1.3;  // what is worse counts next to nothing
     const auto worse =

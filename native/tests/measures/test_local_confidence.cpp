@@ -222,6 +222,26 @@ TEST(LocalConfidence, OfMapsThatFitAlikeAndHaveNothingInCommonEachIsAsLikely) {
     EXPECT_GT(with(1.5, 1), 0.99 * alone);
 }
 
+TEST(LocalConfidence, ARolledMapIsAsLikelyWhereItDiffers) {
+    DiagnosedCase one = itself();
+    Alternatives& maps = one.diagnostics.alternatives;
+    maps = other_half(one, 0.5, 1.0);
+    maps.trials = {Values(), Eigen::MatrixXd(0, maps.trials.source.cols()),
+                   Eigen::MatrixXd(0, maps.trials.target.cols())};
+    const auto right = [](const Vector3& p) { return p.x() > 0.3; };
+    const auto left = [](const Vector3& p) { return p.x() < -0.3; };
+    const LocalConfidence as_one_of_a_limb = one.measure();
+    maps.finished.rolled = 0;
+    const LocalConfidence rolled = one.measure();
+    for (const auto confidence : {&LocalConfidence::source, &LocalConfidence::target}) {
+        EXPECT_GT(mean_where(one.source, as_one_of_a_limb.*confidence, right), 0.7);
+        EXPECT_LE(mean_where(one.source, rolled.*confidence, right), 0.5);
+        EXPECT_GT(mean_where(one.source, rolled.*confidence, right), 0.4);
+        EXPECT_EQ(mean_where(one.source, rolled.*confidence, left),
+                  mean_where(one.source, as_one_of_a_limb.*confidence, left));
+    }
+}
+
 TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
     DiagnosedCase one = itself();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);

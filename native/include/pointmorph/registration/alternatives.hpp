@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -15,6 +16,9 @@ struct OtherMaps {
     Values ratios;  ///< of each: its cost over the least one's
     /// Distances between the images of a place, #maps by #places, in √area.
     Eigen::MatrixXd source, target;
+    /// The map that is the chosen one rolled about the length of long thin shapes: where it differs
+    /// it is as likely, however little of the shape that is.
+    std::optional<Index> rolled = {};
 };
 
 /// What else a search for the pose came upon.

@@ -112,6 +112,9 @@ struct Candidate {
     double energy = 0.0;
     double torn = 0.0;  ///< torn_share()
     double cost = 0.0;  ///< energy · (1 + PoseOptions::tear_weight · torn)
+    /// Whether it is the best map rolled about the length of long thin shapes: energy and cost are
+    /// what they count as then.
+    bool is_rolled = false;
 };
 
 /// Images of the source's points on the target at rest.
