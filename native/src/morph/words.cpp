@@ -53,6 +53,8 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
             return "with its sides, such as left and right, swapped";
         case Swap::kTurned:
             return "rotated differently";
+        case Swap::kRolled:
+            return "rolled about its length, with belly and back swapped";
         default:
             break;
     }
@@ -184,8 +186,9 @@ std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& t
     if (!found.rivals.empty()) {
         const Rival& rival = found.rivals.front();
         text += ": " + source.name + " fits " + target.name + " in another way too, " +
-                difference(rival, source, features) + ", at " + two_decimals(rival.ratio) +
-                " times the error";
+                difference(rival, source, features);
+        if (rival.swap != Swap::kRolled)  // whose error says how the models are bent
+            text += ", at " + two_decimals(rival.ratio) + " times the error";
         mark = point(rival.source) + ", now on point " + std::to_string(rival.target) + " of " +
                target.name + " and otherwise on point " + std::to_string(rival.rival_target);
     } else if (!found.proposals.empty()) {

@@ -133,7 +133,7 @@ std::vector<IndexPair> places_between(const ProposalInput& input, Index count, P
 }  // namespace
 
 std::string name_of(Swap swap) {
-    constexpr std::array<const char*, 4> kNames{"ends", "sides", "turned", "places"};
+    constexpr std::array<const char*, 5> kNames{"ends", "sides", "turned", "places", "rolled"};
     return kNames[to_size(swap)];
 }
 
@@ -162,8 +162,10 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
                 nearest(target_tree, its_images.row(i)));
         }
         Rival rival{other.cost / pose.best.cost,
-                    swap_of(source, there_and_back,
-                            static_cast<double>(moved_nodes) / std::max(graph.size(), Index{1})),
+                    other.is_rolled ? Swap::kRolled
+                                    : swap_of(source, there_and_back,
+                                              static_cast<double>(moved_nodes) /
+                                                  std::max(graph.size(), Index{1})),
                     distances[worst],
                     {},
                     worst,

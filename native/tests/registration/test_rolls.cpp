@@ -8,6 +8,7 @@
 
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/pose.hpp"
+#include "pointmorph/registration/proposals.hpp"
 #include "registration/self_motions.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
@@ -182,6 +183,9 @@ TEST(Rolls, AreNotToldByHowWormsAreBent) {
     const Pose pose = found(source, target);
     EXPECT_TRUE(has_equal_rival(pose));
     EXPECT_LT(pose.confidence, 0.65);
+    const std::vector<Rival> rivals = describe_rivals(source, target, pose);
+    EXPECT_EQ(rivals.front().swap, Swap::kRolled);
+    EXPECT_EQ(name_of(rivals.front().swap), "rolled");
     // The rival is the map rolled: it takes each point to the other side of the axis.
     const Positions images = images_at_rest(pose.best),
                     rolled = images_at_rest(pose.rivals.front());

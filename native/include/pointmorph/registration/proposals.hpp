@@ -19,15 +19,16 @@ enum class Swap {
     kEnds,    ///< exchanges the ends of its longest axis: head and tail
     kSides,   ///< turns the others about it: left and right
     kTurned,  ///< turns most of it some other way
-    kPlaces   ///< differs in some places: a limb, how a head is held
+    kPlaces,  ///< differs in some places: a limb, how a head is held
+    kRolled   ///< rolls a long thin shape about its length: a snake's belly and back
 };
-/// "ends", "sides", "turned", "places"
+/// "ends", "sides", "turned", "places", "rolled"
 std::string name_of(Swap swap);
 
 /// Another map that fits about as well, and a mark that would tell which is right. Rows are those
 /// of the shapes it was found on; see Diagnostics::with_rows().
 struct Rival {
-    double ratio;               ///< its cost over the chosen map's
+    double ratio;               ///< its cost, or what that counts as, over the chosen map's
     Swap swap;                  ///< what differs
     double distance;            ///< the largest between a point's two images, in √area
     std::vector<Index> places;  ///< source rows: the middle of what differs, largest area first

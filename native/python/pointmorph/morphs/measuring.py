@@ -163,11 +163,11 @@ class Measured(AsMeshes):
         If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map is
         to be right; None for an update of a map that was given, see `LiveMorph`), `margin` (cost of
         the second best map relative to this one; None without one), `rivals` (other maps: `ratio`
-        of the costs; `swap`, which is ends, sides, turned or places; `distance`, the largest
-        between two images, in √area; `places`, source rows where the maps differ; and a feature
-        that would tell them apart, from `source` to `target` in this map and to `rival_target` in
-        the other) and `proposals` (pairs of places to mark: `source`, `target`, `confidence`,
-        `is_tip`).
+        of the costs, or what they count as; `swap`, which is ends, sides, turned, places or
+        rolled; `distance`, the largest between two images, in √area; `places`, source rows where
+        the maps differ; and a feature that would tell them apart, from `source` to `target` in this
+        map and to `rival_target` in the other) and `proposals` (pairs of places to mark: `source`,
+        `target`, `confidence`, `is_tip`).
         """
         quality = self._native.quality(False, None)
         report = self._native.report()
