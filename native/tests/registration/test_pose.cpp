@@ -12,20 +12,13 @@
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/pose_symmetry.hpp"
 #include "pointmorph/registration/proposals.hpp"
+#include "registration/coarse_of_cloud.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
 namespace {
-
-CoarseShape coarse(const Positions& positions, const Normals& normals,
-                   const std::vector<Index>& required = {}) {
-    Progress progress;
-    CoarseShapeOptions options;
-    options.points = 1500;
-    return coarse_shape(KdTree<3>(positions), normals, required, options, progress);
-}
 
 /// An ellipsoid of about unit area; `bump` breaks all its symmetries.
 CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
@@ -46,7 +39,7 @@ CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
     }
     p *= turn.transpose();
     normals *= turn.transpose();
-    return coarse(p, normals, required);
+    return coarse_of_cloud(p, normals, required);
 }
 
 Pose found(const CoarseShape& source, const CoarseShape& target) {
@@ -111,7 +104,7 @@ Positions two_sided(Index count, unsigned seed, Normals* normals) {
 CoarseShape coarse_two_sided(unsigned seed) {
     Normals normals;
     const Positions positions = two_sided(3000, seed, &normals);
-    return coarse(positions, normals);
+    return coarse_of_cloud(positions, normals);
 }
 
 TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
@@ -196,7 +189,7 @@ TEST(Symmetry, LeftIsTakenToRightHoweverTheShapeLies) {
         const Matrix3 turn = shapes::rotation(seed);
         const Positions upright = two_sided(3000, seed, &normals);
         const Positions turned = upright * turn.transpose();
-        const CoarseShape shape = coarse(turned, normals * turn.transpose());
+        const CoarseShape shape = coarse_of_cloud(turned, normals * turn.transpose());
         const Symmetry symmetry = symmetry_of(shape);
         ASSERT_EQ(symmetry.images.rows(), shape.positions.rows());
         const Positions truth = other_side(shape.positions * turn) * turn.transpose();
@@ -212,7 +205,7 @@ TEST(Symmetry, ThereIsNoneWithoutSidesOrWithManyReflections) {
     const shapes::Urchin odd(
         3000, {{1.2, 0.3, -0.2}, {-0.3, 0.9, 0.5}, {-0.6, -0.5, 0.7}, {0.1, -0.4, -1.0}}, 5);
     const double unit = std::sqrt(estimated_area(KdTree<3>(odd.positions)));
-    EXPECT_EQ(symmetry_of(coarse(odd.positions / unit, odd.normals)).images.rows(), 0);
+    EXPECT_EQ(symmetry_of(coarse_of_cloud(odd.positions / unit, odd.normals)).images.rows(), 0);
 }
 
 TEST(Symmetry, WhatIsMarkedOnOneSideIsNoReasonAgainstIt) {
@@ -232,7 +225,7 @@ TEST(Symmetry, FlatShapesDoNoHarm) {
         Positions sheet = 0.5 * shapes::grid(30);
         sheet.col(1) *= height;
         const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(sheet.rows(), 1);
-        const Symmetry symmetry = symmetry_of(coarse(sheet, up));
+        const Symmetry symmetry = symmetry_of(coarse_of_cloud(sheet, up));
         EXPECT_TRUE(symmetry.images.allFinite());
         EXPECT_TRUE(symmetry.linear.allFinite());
     }
@@ -319,7 +312,7 @@ TEST(Pose, AMapCostsMoreForItsTears) {
     const auto of = [](const std::vector<Vector3>& spikes, unsigned seed) {
         const shapes::Urchin urchin(6000, spikes, seed);
         const double unit = std::sqrt(estimated_area(KdTree<3>(urchin.positions)));
-        return coarse(urchin.positions / unit, urchin.normals);
+        return coarse_of_cloud(urchin.positions / unit, urchin.normals);
     };
     const CoarseShape source = of(more, 3), target = of(legs, 4);
     Progress progress;

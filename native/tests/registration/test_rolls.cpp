@@ -9,7 +9,7 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "pointmorph/registration/proposals.hpp"
-#include "registration/self_motions.hpp"
+#include "registration/coarse_of_cloud.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -47,16 +47,8 @@ Worm worm(Index count, double bow, unsigned seed, int legs = 0) {
     return made;
 }
 
-CoarseShape coarse(const Positions& positions, const Normals& normals,
-                   const std::vector<Index>& required = {}) {
-    Progress progress;
-    CoarseShapeOptions options;
-    options.points = 1500;
-    return coarse_shape(KdTree<3>(positions), normals, required, options, progress);
-}
-
-CoarseShape coarse(const Worm& its, const std::vector<Index>& required = {}) {
-    return coarse(its.positions, its.normals, required);
+CoarseShape coarse_worm(const Worm& its, const std::vector<Index>& required = {}) {
+    return coarse_of_cloud(its.positions, its.normals, required);
 }
 
 std::optional<Rolls> half_rolls(const CoarseShape& shape) {
@@ -66,7 +58,7 @@ std::optional<Rolls> half_rolls(const CoarseShape& shape) {
 TEST(Rolls, TakeEachPointToTheOtherSideHoweverTheShapeIsBent) {
     for (const double bow : {0.5, 1.2, 50.0}) {
         const Worm bent = worm(3000, bow, 1);
-        const CoarseShape shape = coarse(bent);
+        const CoarseShape shape = coarse_worm(bent);
         const auto rolls = half_rolls(shape);
         ASSERT_TRUE(rolls) << bow;
         EXPECT_NEAR(rolls->thickness, kRadius, 0.15 * kRadius);
@@ -84,14 +76,14 @@ TEST(Rolls, TakeEachPointToTheOtherSideHoweverTheShapeIsBent) {
 
 TEST(Rolls, AreNoneOfWhatIsThickOrClosesOrHasLimbs) {
     Positions ball = shapes::sphere(1500);
-    EXPECT_FALSE(half_rolls(coarse(0.28 * ball, ball)));
+    EXPECT_FALSE(half_rolls(coarse_of_cloud(0.28 * ball, ball)));
     const Positions ring = shapes::torus(2000, 0.05);
     Normals outward = ring;
     for (auto normal : outward.rowwise()) {
         Eigen::RowVector3d middle(normal.x(), normal.y(), 0.0);
         normal = (normal - middle.normalized()).normalized();
     }
-    EXPECT_FALSE(half_rolls(coarse(0.7 * ring, outward)));
+    EXPECT_FALSE(half_rolls(coarse_of_cloud(0.7 * ring, outward)));
     // A cross of two worms.
     const Worm one = worm(1500, 50.0, 1);
     Positions both(3000, 3);
@@ -103,12 +95,12 @@ TEST(Rolls, AreNoneOfWhatIsThickOrClosesOrHasLimbs) {
     quarter << 0, -1, 0, 1, 0, 0, 0, 0, 1;
     both.bottomRows(1500) = both.topRows(1500) * quarter.transpose();
     normals.bottomRows(1500) = one.normals * quarter.transpose();
-    EXPECT_FALSE(half_rolls(coarse(both, normals)));
+    EXPECT_FALSE(half_rolls(coarse_of_cloud(both, normals)));
     // Two worms side by side, and too few points to tell.
     both.bottomRows(1500) = both.topRows(1500).rowwise() + Eigen::RowVector3d(0.0, 0.0, 1.0);
     normals.bottomRows(1500) = one.normals;
-    EXPECT_FALSE(half_rolls(coarse(both, normals)));
-    EXPECT_FALSE(half_rolls(coarse(worm(12, 1.2, 1))));
+    EXPECT_FALSE(half_rolls(coarse_of_cloud(both, normals)));
+    EXPECT_FALSE(half_rolls(coarse_worm(worm(12, 1.2, 1))));
 }
 
 /// Rows along the worm, as far as one from the other, on its outer side.
@@ -132,7 +124,7 @@ TEST(Rolls, AreToldByMarksNearThemAlone) {
     const double bow = 1.2;
     const Worm its = worm(3000, bow, 1);
     const std::vector<Index> marks = outer_rows(its, bow, 9);
-    CoarseShape shape = coarse(its, marks);
+    CoarseShape shape = coarse_worm(its, marks);
     const Rolls rolls = half_rolls(shape).value();
     const auto turned = [&](const std::vector<Index>& features) {
         return share_turned(untold_turns(rolls, shape, features));
@@ -179,7 +171,8 @@ bool has_equal_rival(const Pose& pose) {
 
 TEST(Rolls, AreNotToldByHowWormsAreBent) {
     const Index count = is_watched() ? 900 : 3000;
-    const CoarseShape source = coarse(worm(count, 1.2, 1)), target = coarse(worm(count, 0.8, 2));
+    const CoarseShape source = coarse_worm(worm(count, 1.2, 1)),
+                      target = coarse_worm(worm(count, 0.8, 2));
     const Pose pose = found(source, target);
     EXPECT_TRUE(has_equal_rival(pose));
     EXPECT_LT(pose.confidence, 0.65);
@@ -194,11 +187,11 @@ TEST(Rolls, AreNotToldByHowWormsAreBent) {
 
 TEST(Rolls, AreToldByLegsAndByMarksAlongTheBack) {
     const Index count = is_watched() ? 900 : 3000;
-    EXPECT_FALSE(
-        has_equal_rival(found(coarse(worm(count, 1.2, 1, 12)), coarse(worm(count, 0.8, 2, 12)))));
+    EXPECT_FALSE(has_equal_rival(
+        found(coarse_worm(worm(count, 1.2, 1, 12)), coarse_worm(worm(count, 0.8, 2, 12)))));
     const Worm source = worm(count, 1.2, 1), target = worm(count, 0.8, 2);
-    const CoarseShape marked_source = coarse(source, outer_rows(source, 1.2, 5)),
-                      marked_target = coarse(target, outer_rows(target, 0.8, 5));
+    const CoarseShape marked_source = coarse_worm(source, outer_rows(source, 1.2, 5)),
+                      marked_target = coarse_worm(target, outer_rows(target, 0.8, 5));
     const std::vector<IndexPair> features{{0, 0}, {1, 1}, {2, 2}, {3, 3}, {4, 4}};
     EXPECT_FALSE(has_equal_rival(found(marked_source, marked_target, features)));
     // A mark at one end leaves the other one open.
