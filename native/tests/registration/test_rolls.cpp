@@ -26,7 +26,7 @@ struct Worm {
     Positions opposite;  ///< half round the worm
 };
 
-/// `legs` of them on the outer side, as long as the worm is thick.
+/// Of `legs` on the outer side, each up to twice as long as the worm is thick.
 Worm worm(Index count, double bow, unsigned seed, int legs = 0) {
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> uniform(0.0, 1.0);
