@@ -43,6 +43,7 @@ constexpr double kSmall = 0.8;      // … unless the part is smaller than that,
 
 /// A piece of the whole, laid where the part was given.
 struct Piece {
+    double share = 0.0;         ///< of the whole's area: what the part covers, with a margin
     std::vector<Index> rows;    ///< of the whole
     std::vector<Index> border;  ///< places in `rows` next to what isn't in it
     std::vector<Index> others;  ///< rows of the whole that aren't in it
@@ -89,10 +90,13 @@ public:
     }
     const Sides& sides() const { return sides_; }
 
-    /// What the part covers where it lies.
+    /// What the part covers where it lies, with what hangs on that.
     Piece piece(const PartPlace& place) const {
         constexpr double kMargin = 0.12;
-        return piece(covered_by_part(part(), whole(), place.pose, kMargin),
+        std::vector<char> covered = covered_by_part(part(), whole(), place.pose, kMargin);
+        const double share = share_of_area(covered);
+        cover_what_hangs_on(whole(), covered);
+        return piece(covered, share,
                      composed(sides_.part(unit_).placement.inverse(),
                               composed(place.pose.inverse(), sides_.whole(unit_).placement)));
     }
@@ -113,8 +117,8 @@ public:
             rows.push_back(i);
         }
         const Positions& places = sides_.whole(given_).positions;
-        return piece(covered, rows.empty()
-                                  ? Similarity{}
+        return piece(covered, share_of_area(covered),
+                     rows.empty() ? Similarity{}
                                   : fit_similarity(gather(places, rows), gather(images, rows)));
     }
 
@@ -124,11 +128,6 @@ public:
                                                        gather(start.target_images, piece.rows)}
                                      : RefinementStart{gather(start.source_images, piece.rows),
                                                        piece.move.apply(start.target_images)};
-    }
-
-    /// Of the whole's points.
-    double share(const Piece& piece) const {
-        return static_cast<double>(piece.rows.size()) / static_cast<double>(cells_.size());
     }
 
     PartMarks marks(std::span<const Feature> features, Progress& progress) const {
@@ -159,7 +158,14 @@ public:
                            std::span<const Feature> features) const;
 
 private:
-    Piece piece(const std::vector<char>& covered, const Similarity& move) const {
+    /// Of the whole's area, what is covered.
+    double share_of_area(const std::vector<char>& covered) const {
+        double area = 0.0;
+        for (std::size_t i = 0; i < covered.size(); ++i)
+            if (covered[i] != 0) area += whole().areas[to_index(i)];
+        return area / whole().areas.sum();
+    }
+    Piece piece(const std::vector<char>& covered, double share, const Similarity& move) const {
         std::vector<char> at_border(covered.size(), 0);
         const SurfaceGraph& graph = whole().graph;
         for (Index i = 0; i < graph.size(); ++i)
@@ -167,6 +173,7 @@ private:
                  e < to_size(graph.offsets[to_size(i) + 1]); ++e)
                 if (covered[to_size(graph.neighbors[e])] == 0) at_border[to_size(i)] = 1;
         Piece piece;
+        piece.share = share;
         for (std::size_t i = 0; i < cells_.size(); ++i) {
             const auto cell = to_size(cells_[i]);
             if (covered[cell] == 0) {
@@ -264,28 +271,47 @@ double overlap(const std::vector<Index>& a, const std::vector<Index>& b) {
     return static_cast<double>(both.size()) / static_cast<double>(std::max(a.size(), b.size()));
 }
 
+/// A piece that the part may be, and how well it fits there.
+struct LikelyPiece {
+    Piece piece;
+    double misfit;    ///< of the part where it lies
+    double unlikely;  ///< that, times how far its area is from what is covered
+    bool is_small;    ///< a part of the whole, not nearly all of it
+};
+
 /// The pieces that are worth a map, the likeliest first, each another one; all of them, or the
 /// likeliest of a part that is clearly small.
-std::vector<std::pair<Piece, double>> likely_pieces(const PartOfWhole& shapes,
-                                                    const PartMarks& marks, bool all,
-                                                    Progress& progress) {
+std::vector<LikelyPiece> likely_pieces(const PartOfWhole& shapes, const PartMarks& marks, bool all,
+                                       Progress& progress) {
     constexpr std::size_t kPlaces = 40;
     const std::size_t most = all ? 4 : 1;
-    constexpr double kWorthATry = 2.0, kSame = 0.5;
+    constexpr double kWorthATry = 2.0, kWorthAMap = 1.6, kAsLikely = 1.1, kSame = 0.5;
+    constexpr double kWithMargin = 1.15;  // its own areas that a half covers where it belongs
     const std::vector<PartPlace> places =
         find_part(shapes.part(), shapes.whole(), marks, {kPlaces, !all}, progress);
-    std::vector<std::pair<Piece, double>> pieces;
+    std::vector<LikelyPiece> found;
     for (const PartPlace& place : places) {
-        if (pieces.size() == most || place.misfit > kWorthATry * places.front().misfit) break;
+        if (place.misfit > kWorthATry * places.front().misfit) break;
         Piece piece = shapes.piece(place);
+        if (to_index(piece.rows.size()) < kFewestRows) continue;
+        // Where an arm lies on a leg, a half covers more than itself; where on nothing, less.
+        const double own = kWithMargin * place.pose.scale * place.pose.scale;
+        const double times = std::max(piece.share / own, own / piece.share);
         // With the margin, the piece of a half may be most of the whole.
-        const bool is_small = shapes.share(piece) < kLargest || place.pose.scale < kSmall;
-        if (pieces.empty() && !is_small) break;  // the shape lacks little
-        if (to_index(piece.rows.size()) >= kFewestRows && is_small &&
-            std::ranges::none_of(pieces, [&](const auto& other) {
-                return overlap(other.first.rows, piece.rows) > kSame;
+        const bool is_small = piece.share < kLargest || place.pose.scale < kSmall;
+        const double unlikely = place.misfit * times;
+        found.push_back({std::move(piece), place.misfit, unlikely, is_small});
+    }
+    std::ranges::stable_sort(found, {}, &LikelyPiece::unlikely);
+    std::vector<LikelyPiece> pieces;
+    for (LikelyPiece& one : found) {
+        if (pieces.size() == most || one.unlikely > kWorthAMap * found.front().unlikely) break;
+        if (pieces.empty() && one.unlikely > kAsLikely * found.front().unlikely)
+            break;  // the shape lacks little
+        if (one.is_small && std::ranges::none_of(pieces, [&](const LikelyPiece& other) {
+                return overlap(other.piece.rows, one.piece.rows) > kSame;
             }))
-            pieces.emplace_back(std::move(piece), place.misfit);
+            pieces.push_back(std::move(one));
     }
     return pieces;
 }
@@ -314,14 +340,15 @@ std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks
     constexpr double kCost = 8.0;  // how soon a dearer one doesn't count
     constexpr double kDear = 0.035, kSteep = 4.0;
     std::vector<std::pair<double, PieceMap>> maps;
-    for (const auto& [piece, misfit] : likely_pieces(shapes, marks, all, progress)) {
+    for (const LikelyPiece& one : likely_pieces(shapes, marks, all, progress)) {
+        const Piece& piece = one.piece;
         const auto mine = features_within(features, shapes.sides(), piece.rows);
         if (!mine) continue;
         Refinement map = shapes.map_onto(piece, *mine, options, progress, nullptr);
         const double its = cost(map, options.pose);
         // Of two hands, which fit alike once they are bent, one fits before that.
-        maps.push_back(
-            {its * std::sqrt(misfit), {shapes.with_others(std::move(map), piece, features), its}});
+        maps.push_back({its * std::sqrt(one.misfit),
+                        {shapes.with_others(std::move(map), piece, features), its}});
     }
     if (maps.empty()) return {};
     std::ranges::stable_sort(maps, {}, [](const auto& map) { return map.first; });
@@ -353,7 +380,7 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
         if (start) {
             const PartOfWhole shapes({source, target}, options, quiet);
             const Piece piece = shapes.piece(*start);
-            if (!(shapes.share(piece) < kLargest)) return onto_all();
+            if (!(piece.share < kLargest)) return onto_all();
             const auto mine = features_within(features, shapes.sides(), piece.rows);
             if (!mine) return onto_all();
             const RefinementStart own = shapes.within(*start, piece);

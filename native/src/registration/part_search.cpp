@@ -473,6 +473,27 @@ std::vector<Seed> all_settled(const PartSearch& search, const std::vector<Seed>&
     return result;
 }
 
+/// The connected pieces of some points of a shape.
+std::vector<std::vector<Index>> connected(const SurfaceGraph& graph,
+                                          const std::vector<char>& is_among) {
+    std::vector<std::vector<Index>> pieces;
+    std::vector<char> seen(is_among.size(), 0);
+    for (Index start = 0; start < graph.size(); ++start) {
+        if (is_among[to_size(start)] == 0 || seen[to_size(start)] != 0) continue;
+        std::vector<Index>& piece = pieces.emplace_back(1, start);
+        seen[to_size(start)] = 1;
+        for (std::size_t k = 0; k < piece.size(); ++k)
+            for (auto e = to_size(graph.offsets[to_size(piece[k])]);
+                 e < to_size(graph.offsets[to_size(piece[k]) + 1]); ++e) {
+                const auto j = to_size(graph.neighbors[e]);
+                if (is_among[j] == 0 || seen[j] != 0) continue;
+                seen[j] = 1;
+                piece.push_back(graph.neighbors[e]);
+            }
+    }
+    return pieces;
+}
+
 }  // namespace
 
 bool PartMarks::say_all() const {
@@ -531,29 +552,28 @@ std::vector<char> covered_by_part(const CoarseShape& part, const CoarseShape& wh
         tree.nearest(there.row(i).data(), {&nearest, 1}, {&squared, 1});
         is_close[to_size(i)] = squared < kClose * kClose && part.ends[to_size(nearest)] == 0;
     }
-    // The largest piece of it.
-    std::vector<Index> largest;
-    std::vector<char> seen(to_size(whole.size()), 0);
-    for (Index start = 0; start < whole.size(); ++start) {
-        if (is_close[to_size(start)] == 0 || seen[to_size(start)] != 0) continue;
-        std::vector<Index> piece{start};
-        seen[to_size(start)] = 1;
-        for (std::size_t k = 0; k < piece.size(); ++k)
-            for (auto e = to_size(whole.graph.offsets[to_size(piece[k])]);
-                 e < to_size(whole.graph.offsets[to_size(piece[k]) + 1]); ++e) {
-                const Index j = whole.graph.neighbors[e];
-                if (is_close[to_size(j)] == 0 || seen[to_size(j)] != 0) continue;
-                seen[to_size(j)] = 1;
-                piece.push_back(j);
-            }
-        if (piece.size() > largest.size()) largest = std::move(piece);
-    }
     std::vector<char> covered(to_size(whole.size()), 0);
-    if (largest.empty()) return covered;
+    const std::vector<std::vector<Index>> pieces = connected(whole.graph, is_close);
+    if (pieces.empty()) return covered;
     GeodesicSearch along(whole.graph);
-    for (const auto& [row, distance] : along.reached(largest, margin * pose.scale))
+    for (const auto& [row, distance] : along.reached(
+             *std::ranges::max_element(pieces, {}, &std::vector<Index>::size), margin * pose.scale))
         covered[to_size(row)] = 1;
     return covered;
+}
+
+void cover_what_hangs_on(const CoarseShape& shape, std::vector<char>& covered) {
+    constexpr double kSmall = 1.0 / 3.0;
+    std::vector<char> is_free(covered.size());
+    std::ranges::transform(covered, is_free.begin(), [](char its) { return its == 0; });
+    const std::vector<std::vector<Index>> pieces = connected(shape.graph, is_free);
+    if (pieces.empty()) return;
+    std::vector<double> areas;
+    for (const std::vector<Index>& piece : pieces) areas.push_back(shape.areas(piece).sum());
+    const double most = kSmall * std::ranges::max(areas);
+    for (std::size_t k = 0; k < pieces.size(); ++k)
+        if (areas[k] < most)
+            for (const Index row : pieces[k]) covered[to_size(row)] = 1;
 }
 
 }  // namespace pointmorph

@@ -49,4 +49,9 @@ std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& who
 std::vector<char> covered_by_part(const CoarseShape& part, const CoarseShape& whole,
                                   const Similarity& pose, double margin);
 
+/// Covers what hangs on what is covered and on nothing else, but what is over a third as large as
+/// the largest such piece: the hand of an arm that the part holds another way, not what the part
+/// lacks.
+void cover_what_hangs_on(const CoarseShape& shape, std::vector<char>& covered);
+
 }  // namespace pointmorph

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <initializer_list>
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/error.hpp"
@@ -204,6 +206,49 @@ TEST(PartOnWhole, WhatIsAboutAsLargeAsTheWholeHasNoPlaceOnIt) {
     const CoarseShape part = coarse_of(most, normals, ends);
     EXPECT_TRUE(find_part(part, body, {}, {3}, progress).empty());
     EXPECT_TRUE(find_part(part, body, {}, {3, true}, progress).empty());
+}
+
+/// Rows in a row on either side of a middle one, 0, as many as each arm has; all with an area of 1.
+CoarseShape star(std::span<const Index> arms) {
+    std::vector<std::vector<Index>> neighbors(1);
+    for (const Index arm : arms)
+        for (Index k = 0; k < arm; ++k) {
+            const Index row = to_index(neighbors.size()), before = k == 0 ? 0 : row - 1;
+            neighbors.push_back({before});
+            neighbors[to_size(before)].push_back(row);
+        }
+    CoarseShape shape;
+    for (const std::vector<Index>& its : neighbors) {
+        shape.graph.neighbors.insert(shape.graph.neighbors.end(), its.begin(), its.end());
+        shape.graph.offsets.push_back(static_cast<std::int64_t>(shape.graph.neighbors.size()));
+    }
+    shape.graph.lengths.assign(shape.graph.neighbors.size(), 1.0);
+    shape.areas = Values::Ones(to_index(neighbors.size()));
+    return shape;
+}
+
+TEST(PartOnWhole, WhatHangsOnAPieceBelongsToIt) {
+    const Index arms[] = {2, 4, 10};
+    CoarseShape shape = star(arms);
+    const auto covered_with = [&](std::initializer_list<std::size_t> rows) {
+        std::vector<char> covered(to_size(shape.graph.size()), 0);
+        for (const std::size_t row : rows) covered[row] = 1;
+        cover_what_hangs_on(shape, covered);
+        std::vector<std::size_t> result;
+        for (std::size_t i = 0; i < covered.size(); ++i)
+            if (covered[i] != 0) result.push_back(i);
+        return result;
+    };
+    using Rows = std::vector<std::size_t>;
+    EXPECT_EQ(covered_with({0}), (Rows{0, 1, 2}));                 // 4 are more than a third of 10
+    EXPECT_EQ(covered_with({0, 3}), (Rows{0, 1, 2, 3, 4, 5, 6}));  // 3 aren't
+    EXPECT_EQ(covered_with({5}), (Rows{5, 6}));                    // the middle hangs on the rest
+    EXPECT_EQ(covered_with({}), Rows{});
+    shape.areas.segment(3, 4).setConstant(0.5);  // areas count, not rows
+    EXPECT_EQ(covered_with({0}), (Rows{0, 1, 2, 3, 4, 5, 6}));
+    std::vector<char> all(to_size(shape.graph.size()), 1);
+    cover_what_hangs_on(shape, all);
+    EXPECT_EQ(std::ranges::count(all, 1), shape.graph.size());
 }
 
 TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {
