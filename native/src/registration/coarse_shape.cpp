@@ -4,10 +4,12 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/subset.hpp"
+#include "registration/crossed_limbs.hpp"
 
 namespace pointmorph {
 
@@ -50,11 +52,15 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
 
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);
+    std::vector<Subset> levels;
     for (const Index nodes : options.nodes)
-        shape.levels.push_back(deformation_graph(
-            shape.graph,
-            poisson_disk_subset(coarse_tree, shape.normals, first, nodes, progress, &near),
-            progress));
+        levels.push_back(
+            poisson_disk_subset(coarse_tree, shape.normals, first, nodes, progress, &near));
+    if (!levels.empty())
+        shape.graph = without_crossings(shape.positions, std::sqrt(shape.areas.sum()),
+                                        std::move(shape.graph), levels.front().rows);
+    for (const Subset& nodes : levels)
+        shape.levels.push_back(deformation_graph(shape.graph, nodes, progress));
     return shape;
 }
 

@@ -1,0 +1,297 @@
+#include "registration/crossed_limbs.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace pointmorph {
+
+namespace {
+
+std::span<const Index> next_to(Index row, const SurfaceGraph& graph) {
+    const auto begin = to_size(graph.offsets[to_size(row)]),
+               end = to_size(graph.offsets[to_size(row) + 1]);
+    return std::span(graph.neighbors).subspan(begin, end - begin);
+}
+
+/// What leads away from a place.
+struct Arm {
+    std::vector<Index> rows;           ///< next to the surroundings of the place
+    Vector3 middle = Vector3::Zero();  ///< of these
+    double radius = 0.0;               ///< their mean distance from it
+    bool is_free = false;              ///< whether it leads to an end, and to nothing else
+};
+
+/// A limb where it meets another: the arm by which it hangs on the rest, and that of its end.
+struct Limb {
+    Arm from, to;
+
+    /// The cosine of the angle by which it bends at a place.
+    double straightness(const Vector3& at) const {
+        return (at - from.middle).normalized().dot((to.middle - at).normalized());
+    }
+    Vector3 axis() const { return to.middle - from.middle; }
+    /// How far a place lies from the axis, which is moved, over the radius there.
+    double distance(const Vector3& place, const Vector3& move) const {
+        const Vector3 off = place - from.middle - move;
+        const double share = std::clamp(off.dot(axis()) / axis().squaredNorm(), 0.0, 1.0);
+        return (off - share * axis()).norm() / ((1.0 - share) * from.radius + share * to.radius);
+    }
+};
+
+using Limbs = std::array<Limb, 2>;
+
+/// Of each row the limb that it belongs to, 0 or 1; −1 elsewhere.
+using LimbOfRows = std::vector<signed char>;
+
+class CrossingSearch {
+public:
+    CrossingSearch(const Positions& positions, double unit)
+        : positions_(positions),
+          radius_(0.12 * unit),
+          width_(0.035 * unit),
+          state_(to_size(positions.rows()), State::kUnseen) {}
+
+    /// The limbs that meet around a row, if two do.
+    std::optional<LimbOfRows> find(const SurfaceGraph& graph, Index row) {
+        constexpr int kCenterings = 2;
+        Vector3 at = positions_.row(row).transpose();
+        for (int k = 0;; ++k) {
+            look_around(graph, row, at);
+            if (!arms_are_those_of_limbs()) break;
+            if (k == kCenterings) {
+                const std::optional<Limbs> limbs = limbs_at(graph, at);
+                if (!limbs) break;
+                LimbOfRows of_rows = divided(*limbs);
+                const bool is_whole = make_whole(graph, *limbs, of_rows);
+                forget();
+                return is_whole ? std::optional(std::move(of_rows)) : std::nullopt;
+            }
+            at.setZero();
+            for (const Index i : inside_) at += positions_.row(i).transpose();
+            at /= static_cast<double>(inside_.size());
+            forget();
+        }
+        forget();
+        return std::nullopt;
+    }
+
+private:
+    enum class State : char { kUnseen, kInside, kShell, kArm };
+
+    State& state(Index row) { return state_[to_size(row)]; }
+    double distance(Index row, const Vector3& at) const {
+        return (positions_.row(row).transpose() - at).norm();
+    }
+
+    /// What hangs together with a row within the radius, and the arms that lead away from there.
+    void look_around(const SurfaceGraph& graph, Index row, const Vector3& at) {
+        inside_.assign(1, row);
+        state(row) = State::kInside;
+        shell_.clear();
+        // All that is inside comes first.
+        for (std::size_t k = 0; k < inside_.size() + shell_.size(); ++k) {
+            const bool is_inside = k < inside_.size();
+            for (const Index j :
+                 next_to(is_inside ? inside_[k] : shell_[k - inside_.size()], graph)) {
+                if (state(j) != State::kUnseen) continue;
+                const double off = distance(j, at);
+                if (is_inside && off < radius_) {
+                    state(j) = State::kInside;
+                    inside_.push_back(j);
+                } else if (off >= radius_ && off < radius_ + width_) {
+                    state(j) = State::kShell;
+                    shell_.push_back(j);
+                }
+            }
+        }
+        find_arms(graph);
+    }
+
+    void find_arms(const SurfaceGraph& graph) {
+        constexpr std::size_t kFewest = 5;  // fewer rows are no arm
+        arms_.clear();
+        for (const Index first : shell_) {
+            if (state(first) != State::kShell) continue;
+            Arm arm;
+            arm.rows.push_back(first);
+            state(first) = State::kArm;
+            for (std::size_t k = 0; k < arm.rows.size(); ++k)
+                for (const Index j : next_to(arm.rows[k], graph))
+                    if (state(j) == State::kShell) {
+                        state(j) = State::kArm;
+                        arm.rows.push_back(j);
+                    }
+            if (arm.rows.size() < kFewest) continue;
+            const auto count = static_cast<double>(arm.rows.size());
+            for (const Index i : arm.rows) arm.middle += positions_.row(i).transpose() / count;
+            for (const Index i : arm.rows) arm.radius += distance(i, arm.middle) / count;
+            arms_.push_back(std::move(arm));
+        }
+    }
+
+    bool arms_are_those_of_limbs() const {
+        constexpr double kThin = 0.6;  // over the radius of the surroundings
+        return (arms_.size() == 3 || arms_.size() == 4) &&
+               std::ranges::all_of(arms_,
+                                   [&](const Arm& arm) { return arm.radius < kThin * radius_; });
+    }
+
+    /// The rows that an arm leads to, and no more than `most` and those next to the last. `look`
+    /// sees them while they count as inside.
+    template <class Look>
+    std::size_t reach(const SurfaceGraph& graph, const Arm& arm, std::size_t most, Look&& look) {
+        std::vector<Index> reached;
+        std::vector<State> before;
+        const auto add = [&](Index i) {
+            if (state(i) == State::kInside) return;
+            before.push_back(std::exchange(state(i), State::kInside));
+            reached.push_back(i);
+        };
+        add(arm.rows.front());
+        for (std::size_t k = 0; k < reached.size() && reached.size() <= most; ++k)
+            for (const Index j : next_to(reached[k], graph)) add(j);
+        look();
+        for (std::size_t k = 0; k < reached.size(); ++k) state(reached[k]) = before[k];
+        return reached.size();
+    }
+
+    /// Finds out which arms lead to ends. Whether the other ones are two that hang together.
+    bool find_ends(const SurfaceGraph& graph) {
+        constexpr double kLargest = 0.1;  // share of the rows
+        const auto most = static_cast<std::size_t>(kLargest * static_cast<double>(graph.size()));
+        const auto is_reached = [&](const Arm& arm) {
+            return state(arm.rows.front()) == State::kInside;
+        };
+        std::vector<const Arm*> hung;
+        for (Arm& arm : arms_) {
+            bool meets_another = false;
+            arm.is_free = reach(graph, arm, most, [&] {
+                              meets_another = std::ranges::count_if(arms_, is_reached) > 1;
+                          }) <= most;
+            if (arm.is_free && meets_another) return false;
+            if (!arm.is_free) hung.push_back(&arm);
+        }
+        bool hang_together = false;
+        if (hung.size() == 2)
+            reach(graph, *hung[0], to_size(graph.size()),
+                  [&] { hang_together = is_reached(*hung[1]); });
+        return hang_together && hung.size() < arms_.size();
+    }
+
+    /// The arms that go together, if it is clear. The first limb goes on; the other one does, or
+    /// ends here.
+    std::optional<Limbs> limbs_at(const SurfaceGraph& graph, const Vector3& at) {
+        constexpr double kStraight = 0.7, kStraightPastAnEnd = 0.8, kClearly = 0.3;
+        if (!find_ends(graph)) return std::nullopt;
+        std::vector<Arm> hung, free;
+        for (const Arm& arm : arms_) (arm.is_free ? free : hung).push_back(arm);
+        const bool both_go_on = free.size() == 2;
+        const auto paired = [&](std::size_t first) {
+            Limbs limbs{Limb{hung[first], free[0]}, Limb{hung[1 - first], {}}};
+            Limb& other = limbs[1];
+            if (both_go_on) {
+                other.to = free[1];
+            } else {
+                constexpr double kBeyond = 0.4;
+                other.to.middle = at + kBeyond * radius_ * (at - other.from.middle).normalized();
+                other.to.radius = other.from.radius;
+            }
+            return limbs;
+        };
+        const auto straightness = [&](const Limbs& limbs) {
+            return std::min(limbs[0].straightness(at), limbs[1].straightness(at));
+        };
+        const std::array<Limbs, 2> ways{paired(0), paired(1)};
+        const double one = straightness(ways[0]), other = straightness(ways[1]);
+        if (std::max(one, other) < (both_go_on ? kStraight : kStraightPastAnEnd) ||
+            std::abs(one - other) < kClearly)
+            return std::nullopt;
+        return ways[one > other ? 0 : 1];
+    }
+
+    /// Rows go to the limb whose axis is nearer, and those of arms to their own.
+    LimbOfRows divided(const Limbs& limbs) const {
+        // Axes that meet would divide each limb in two: one limb passes in front of the other.
+        constexpr double kApart = 0.6;  // radii
+        const Vector3 across = limbs[0].axis().cross(limbs[1].axis()).normalized();
+        const double apart = 0.5 * across.dot(limbs[0].from.middle + limbs[0].to.middle -
+                                              limbs[1].from.middle - limbs[1].to.middle);
+        const double radius = std::ranges::min(arms_, {}, &Arm::radius).radius;
+        const double more = std::max(0.0, kApart * radius - std::abs(apart));
+        const Vector3 move = (apart < 0.0 ? -0.5 : 0.5) * more * across;
+        LimbOfRows of_rows(state_.size(), -1);
+        for (const Index i : inside_) {
+            const Vector3 place = positions_.row(i).transpose();
+            of_rows[to_size(i)] =
+                limbs[0].distance(place, move) <= limbs[1].distance(place, -move) ? 0 : 1;
+        }
+        for (std::size_t k = 0; k < limbs.size(); ++k)
+            for (const Arm* arm : {&limbs[k].from, &limbs[k].to})
+                for (const Index i : arm->rows) of_rows[to_size(i)] = static_cast<signed char>(k);
+        return of_rows;
+    }
+
+    /// What doesn't hang together with its limb goes to the other. Whether both arms of each do.
+    bool make_whole(const SurfaceGraph& graph, const Limbs& limbs, LimbOfRows& of_rows) const {
+        std::vector<char> is_reached(of_rows.size(), 0);
+        for (std::size_t k = 0; k < limbs.size(); ++k) {
+            std::vector<Index> reached{limbs[k].from.rows.front()};
+            is_reached[to_size(reached.front())] = 1;
+            for (std::size_t n = 0; n < reached.size(); ++n)
+                for (const Index j : next_to(reached[n], graph))
+                    if (of_rows[to_size(j)] == static_cast<signed char>(k) &&
+                        std::exchange(is_reached[to_size(j)], char{1}) == 0)
+                        reached.push_back(j);
+            const std::vector<Index>& end = limbs[k].to.rows;
+            if (!end.empty() && is_reached[to_size(end.front())] == 0) return false;
+        }
+        for (const Index i : inside_)
+            if (is_reached[to_size(i)] == 0)
+                of_rows[to_size(i)] = static_cast<signed char>(1 - of_rows[to_size(i)]);
+        return true;
+    }
+
+    void forget() {
+        for (const std::vector<Index>* rows : {&inside_, &shell_})
+            for (const Index i : *rows) state(i) = State::kUnseen;
+    }
+
+    const Positions& positions_;
+    const double radius_, width_;  ///< of the surroundings, and of the shell that tells arms apart
+    std::vector<State> state_;     ///< of each row
+    std::vector<Index> inside_, shell_;
+    std::vector<Arm> arms_;
+};
+
+/// Drops the edges from one limb to the other.
+SurfaceGraph cut_between(const SurfaceGraph& graph, const LimbOfRows& limb) {
+    SurfaceGraph cut;
+    for (Index i = 0; i < graph.size(); ++i) {
+        for (auto e = to_size(graph.offsets[to_size(i)]);
+             e < to_size(graph.offsets[to_size(i) + 1]); ++e) {
+            const Index j = graph.neighbors[e];
+            const signed char here = limb[to_size(i)], there = limb[to_size(j)];
+            if (here >= 0 && there >= 0 && here != there) continue;
+            cut.neighbors.push_back(j);
+            cut.lengths.push_back(graph.lengths[e]);
+        }
+        cut.offsets.push_back(static_cast<std::int64_t>(cut.neighbors.size()));
+    }
+    return cut;
+}
+
+}  // namespace
+
+SurfaceGraph without_crossings(const Positions& positions, double unit, SurfaceGraph graph,
+                               std::span<const Index> centers) {
+    CrossingSearch search(positions, unit);
+    for (const Index center : centers)
+        if (const auto limbs = search.find(graph, center)) graph = cut_between(graph, *limbs);
+    return graph;
+}
+
+}  // namespace pointmorph
