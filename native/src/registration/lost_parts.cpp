@@ -194,38 +194,36 @@ public:
     PartGraph(const PartGraph&) = delete;
     PartGraph& operator=(const PartGraph&) = delete;
 
-    /// The place in the rim that is nearest to each row along the surface; −1 where none leads to
-    /// it.
-    std::vector<Index> nearest_of_rim(Progress& progress) const {
-        std::vector<double> distances(rows_.size(), std::numeric_limits<double>::infinity());
-        std::vector<Index> result(rows_.size(), -1);
+    /// How far each of the part's rows is along the surface from a place in its rim; infinite where
+    /// nothing leads there.
+    Values distances_from(Index place) const {
+        constexpr double kNowhere = std::numeric_limits<double>::infinity();
+        Values distances = Values::Constant(to_index(rows_.size()), kNowhere);
         using Entry = std::pair<double, Index>;
         std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-        for (std::size_t k = own_; k < rows_.size(); ++k) {
-            distances[k] = 0.0;
-            result[k] = to_index(k - own_);
-            open.emplace(0.0, to_index(k));
-        }
-        for (std::size_t done = 0; !open.empty(); ++done) {
-            look_whether_to_end(done, progress);
+        const Index first = to_index(own_) + place;
+        distances[first] = 0.0;
+        open.emplace(0.0, first);
+        while (!open.empty()) {
             const auto [distance, i] = open.top();
             open.pop();
-            if (distance > distances[to_size(i)]) continue;
-            const auto reach = [&, from = distance, i = to_size(i)](Index j) {
-                const double there = from + (surface_.positions.row(rows_[i]) -
+            if (distance > distances[i]) continue;
+            const auto reach = [&, from = distance, i = i](Index j) {
+                const double there = from + (surface_.positions.row(rows_[to_size(i)]) -
                                              surface_.positions.row(rows_[to_size(j)]))
                                                 .norm();
-                if (!(there < distances[to_size(j)])) return;
-                distances[to_size(j)] = there;
-                result[to_size(j)] = result[i];
+                if (!(there < distances[j])) return;
+                distances[j] = there;
                 open.emplace(there, j);
             };
             each_neighbor(to_size(i), reach);
             for (const Index j : more_[i]) reach(j);
         }
-        result.resize(own_);
-        return result;
+        return distances.head(to_index(own_));
     }
+
+    /// The surface's rows of the part, and of its rim after them.
+    std::span<const Index> rows() const { return rows_; }
 
 private:
     template <class Take>
@@ -246,19 +244,60 @@ private:
     Grouped<Index> more_;  ///< to whom each is joined that isn't its neighbor
 };
 
-/// For each row of a part, the place in its rim that is nearest along the surface: like this, only
-/// what is far from all of it is torn apart. `places`: see PartGraph.
-std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part,
-                                  std::vector<Index>& places, Progress& progress) {
-    std::vector<Index> result = PartGraph(surface, part, places, progress).nearest_of_rim(progress);
-    std::vector<Index> unreached;
-    for (std::size_t k = 0; k < result.size(); ++k)
-        if (result[k] < 0) unreached.push_back(part.rows[k]);
+/// Some of the points, as far from each other as they can be.
+std::vector<Index> spread(const Positions& points, Index most) {
+    std::vector<Index> chosen{0};
+    Values away = (points.rowwise() - points.row(0)).rowwise().squaredNorm();
+    while (to_index(chosen.size()) < most) {
+        Index next = 0;
+        if (!(away.maxCoeff(&next) > 0.0)) break;
+        chosen.push_back(next);
+        away = away.cwiseMin((points.rowwise() - points.row(next)).rowwise().squaredNorm());
+    }
+    return chosen;
+}
+
+/// For each row of a part, the place in its rim that it hangs on: one that is near along the
+/// surface, and to which the straight way stays close to the part. Where a limb is bent, the way
+/// from its end to the nearest place leaves it, and what lies between is torn apart.
+/// `places`: see PartGraph.
+std::vector<Index> places_to_hang_on(const SampledSurface& surface, const LostPart& part,
+                                     std::vector<Index>& places, Progress& progress) {
+    constexpr Index kPlaces = 12;
+    constexpr double kAlong = 0.5;  // against how far the middle of the way is from the part
+    const PartGraph graph(surface, part, places, progress);
+    const Positions of_rim = gather(surface.positions, part.rim),
+                    of_part = gather(surface.positions, part.rows),
+                    of_both = gather(surface.positions, graph.rows());
+    const KdTree<3> tree(of_both);
+    const std::vector<Index> chosen = spread(of_rim, kPlaces);
+    Eigen::MatrixXd costs(of_part.rows(), to_index(chosen.size()));
+    const auto judge = [&](Index begin, Index end) {
+        for (Index c = begin; c < end; ++c) {
+            const auto place = of_rim.row(chosen[to_size(c)]);
+            costs.col(c) = kAlong * graph.distances_from(chosen[to_size(c)]);
+            for (Index k = 0; k < of_part.rows(); ++k) {
+                const Eigen::RowVector3d middle = (of_part.row(k) + place) / 2.0;
+                Index nearest = 0;
+                double squared = 0.0;
+                tree.nearest(middle.data(), {&nearest, 1}, {&squared, 1});
+                costs(k, c) += std::sqrt(squared);
+            }
+        }
+    };
+    parallel_for(costs.cols(), progress, judge, 0.0, 1.0, 1);
+    std::vector<Index> result(part.rows.size(), -1), unreached;
+    for (std::size_t k = 0; k < result.size(); ++k) {
+        Index best = 0;
+        if (std::isfinite(costs.row(to_index(k)).minCoeff(&best)))
+            result[k] = chosen[to_size(best)];
+        else
+            unreached.push_back(part.rows[k]);
+    }
     if (unreached.empty()) return result;
     // What no neighbor leads to takes the nearest in a straight line.
-    const Positions rim = gather(surface.positions, part.rim);
     const std::vector<Index> straight =
-        nearest_rows(KdTree<3>(rim), gather(surface.positions, unreached));
+        nearest_rows(KdTree<3>(of_rim), gather(surface.positions, unreached));
     for (std::size_t k = 0, next = 0; k < result.size(); ++k)
         if (result[k] < 0) result[k] = straight[next++];
     return result;
@@ -369,56 +408,96 @@ bool has_feature(const LostPart& part, std::span<const Index> marked) {
 
 /// Whether all of it lies at ends already.
 bool is_there(const LostPart& part, const WholeOntoPart& map) {
+    if (map.ends.empty()) return false;
     const Positions ends = gather(map.part.positions, map.ends),
                     images = gather(map.images, part.rows);
     return images == gather(ends, nearest_rows(KdTree<3>(ends), images));
 }
 
-/// Pairs each of the part's rows with the end that it goes to alone, as far as others keep a
-/// partner. `end_of`: −1 for what stays.
+/// Pairs each row that goes to an end with that alone, and what has no other partner then with what
+/// lies nearest to its image. `end_of`: −1 for what stays.
 void pair_with_ends(const WholeOntoPart& map, std::span<const Index> end_of, Pairing& pairs) {
-    std::vector<Index> partners(to_size(map.part.size()), 0);
-    for (const IndexPair& pair : pairs) ++partners[to_size(pair.*map.partner)];
+    std::vector<char> has_partner(to_size(map.part.size()), 0);
     std::erase_if(pairs, [&](const IndexPair& pair) {
-        Index& left = partners[to_size(pair.*map.partner)];
-        const bool goes = end_of[to_size(pair.*map.row)] >= 0 && left > 1;
-        if (goes) --left;
+        const bool goes = end_of[to_size(pair.*map.row)] >= 0;
+        if (!goes) has_partner[to_size(pair.*map.partner)] = 1;
         return goes;
     });
-    for (std::size_t i = 0; i < end_of.size(); ++i) {
-        if (end_of[i] < 0) continue;
+    const auto add = [&](Index row, Index partner) {
         IndexPair pair;
-        pair.*map.row = to_index(i);
-        pair.*map.partner = end_of[i];
+        pair.*map.row = row;
+        pair.*map.partner = partner;
         pairs.push_back(pair);
+    };
+    std::vector<Index> staying, alone;
+    for (Index i = 0; i < map.whole.size(); ++i)
+        if (end_of[to_size(i)] < 0)
+            staying.push_back(i);
+        else
+            add(i, end_of[to_size(i)]);
+    for (Index i = 0; i < map.part.size(); ++i)
+        if (has_partner[to_size(i)] == 0) alone.push_back(i);
+    if (!alone.empty() && !staying.empty()) {
+        const Positions there = gather(map.whole.positions, staying);
+        const std::vector<Index> nearest =
+            nearest_rows(KdTree<3>(there), gather(map.part_images, alone));
+        for (std::size_t k = 0; k < alone.size(); ++k) add(staying[to_size(nearest[k])], alone[k]);
     }
     std::ranges::sort(pairs);
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
 }
 
-/// Returns how many points of the whole go there.
-Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pairing& pairs,
-                   Progress& progress) {
-    if (map.ends.empty()) return 0;
-    const Positions ends = gather(map.part_images, map.ends);
-    const KdTree<3> ends_tree(ends);
-    const double at_end = kAtEnd * median(local_spacing(map.whole.positions, map.whole.nearest));
-    std::vector<Index> end_of(to_size(map.whole.size()), -1);
-    Index count = 0;
+/// The ends that the places around a lost part go to; none if they aren't at ends.
+std::vector<Index> ends_at_rim(const WholeOntoPart& map, const LostPart& part, double spacing) {
+    if (map.ends.empty()) return {};
+    const Positions ends = gather(map.part_images, map.ends),
+                    rim = gather(map.whole.positions, part.rim);
+    std::vector<Index> rows = nearest_rows(KdTree<3>(ends), rim);
+    const Values gaps = (rim - gather(ends, rows)).rowwise().norm();
+    const auto near = (gaps.array() < kAtEnd * spacing).count();
+    if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) return {};
+    for (Index& row : rows) row = map.ends[to_size(row)];
+    return rows;
+}
+
+/// Whatever lies where the places around a lost part go, if the hole that it leaves may be too
+/// small to be found, as that of a tail.
+std::vector<Index> small_hole_at_rim(const WholeOntoPart& map, const LostPart& part,
+                                     double spacing) {
+    constexpr double kSmallHole = 10.0;  // spacings: the diagonal of the box around it
+    const Positions rim = gather(map.whole.positions, part.rim);
+    const Eigen::RowVector3d across = rim.colwise().maxCoeff() - rim.colwise().minCoeff();
+    if (across.norm() > kSmallHole * spacing) return {};
+    return nearest_rows(KdTree<3>(map.part_images), rim);
+}
+
+/// The parts that no image comes near, what lies loose beside them among them.
+std::vector<LostPart> all_lost_parts(const WholeOntoPart& map, std::span<const Index> marked,
+                                     Progress& progress) {
     std::vector<LostPart> parts =
         lost_parts(map, distances_from_images(map, progress), marked, progress);
-    join_loose(map.whole, parts, at_end / kAtEnd, progress);
-    std::vector<Index> places(end_of.size(), -1);
+    if (parts.empty()) return parts;
+    const double spacing = median(local_spacing(map.whole.positions, map.whole.nearest));
+    join_loose(map.whole, parts, spacing, progress);
+    std::erase_if(parts, [&](const LostPart& part) { return part.rim.empty(); });
+    return parts;
+}
+
+/// Returns how many points of the whole go there.
+Index send_to_ends(const WholeOntoPart& map, std::span<const LostPart> parts,
+                   std::span<const Index> marked, bool may_have_no_end, Pairing& pairs,
+                   Progress& progress) {
+    const double spacing = median(local_spacing(map.whole.positions, map.whole.nearest));
+    std::vector<Index> end_of(to_size(map.whole.size()), -1), places(end_of.size(), -1);
+    Index count = 0;
     for (const LostPart& part : parts) {
-        if (part.rim.empty() || has_feature(part, marked) || is_there(part, map)) continue;
-        const Positions rim = gather(map.whole.positions, part.rim);
-        const std::vector<Index> end_of_rim = nearest_rows(ends_tree, rim);
-        const Values gaps = (rim - gather(ends, end_of_rim)).rowwise().norm();
-        const auto near = (gaps.array() < at_end).count();
-        if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) continue;
-        const std::vector<Index> beside = nearest_of_rim(map.whole, part, places, progress);
+        if (has_feature(part, marked) || is_there(part, map)) continue;
+        std::vector<Index> at_rim = ends_at_rim(map, part, spacing);
+        if (at_rim.empty() && may_have_no_end) at_rim = small_hole_at_rim(map, part, spacing);
+        if (at_rim.empty()) continue;
+        const std::vector<Index> beside = places_to_hang_on(map.whole, part, places, progress);
         for (std::size_t k = 0; k < part.rows.size(); ++k)
-            end_of[to_size(part.rows[k])] = map.ends[to_size(end_of_rim[to_size(beside[k])])];
+            end_of[to_size(part.rows[k])] = at_rim[to_size(beside[k])];
         count += to_index(part.rows.size());
     }
     if (count == 0) return 0;
@@ -438,7 +517,6 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pair
 LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress) {
-    if (source.ends.empty() && target.ends.empty()) return {};
     progress.enter("missing parts");
     const auto marked = [&](Marked Feature::*side) {
         std::vector<Index> rows;
@@ -447,16 +525,28 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
         std::ranges::sort(rows);
         return rows;
     };
+    const std::vector<Index> of_source = marked(&Feature::source),
+                             of_target = marked(&Feature::target);
+    const WholeOntoPart onto_source{target.surface,     source.surface,
+                                    source.ends,        map.source_images,
+                                    map.target_images,  map.source_product,
+                                    map.target_product, &IndexPair::target,
+                                    &IndexPair::source, 3};
+    const WholeOntoPart onto_target{source.surface,     target.surface,
+                                    target.ends,        map.target_images,
+                                    map.source_images,  map.target_product,
+                                    map.source_product, &IndexPair::source,
+                                    &IndexPair::target, 0};
     return quietly(progress, [&](Progress& quiet) {
+        const auto target_parts = all_lost_parts(onto_source, of_target, quiet),
+                   source_parts = all_lost_parts(onto_target, of_source, quiet);
+        // If both lack something, they rather aren't where they belong.
+        const bool is_one_sided = target_parts.empty() || source_parts.empty();
         LostPoints lost;
-        lost.of_target = send_to_ends(
-            {target.surface, source.surface, source.ends, map.source_images, map.target_images,
-             map.source_product, map.target_product, &IndexPair::target, &IndexPair::source, 3},
-            marked(&Feature::target), map.pairs, quiet);
-        lost.of_source = send_to_ends(
-            {source.surface, target.surface, target.ends, map.target_images, map.source_images,
-             map.target_product, map.source_product, &IndexPair::source, &IndexPair::target, 0},
-            marked(&Feature::source), map.pairs, quiet);
+        lost.of_target =
+            send_to_ends(onto_source, target_parts, of_target, is_one_sided, map.pairs, quiet);
+        lost.of_source =
+            send_to_ends(onto_target, source_parts, of_source, is_one_sided, map.pairs, quiet);
         return lost;
     });
 }
