@@ -11,12 +11,6 @@ namespace pointmorph {
 
 namespace {
 
-std::span<const Index> next_to(Index row, const SurfaceGraph& graph) {
-    const auto begin = to_size(graph.offsets[to_size(row)]),
-               end = to_size(graph.offsets[to_size(row) + 1]);
-    return std::span(graph.neighbors).subspan(begin, end - begin);
-}
-
 /// What leads away from a place.
 struct Arm {
     std::vector<Index> rows;           ///< next to the surroundings of the place
@@ -95,8 +89,7 @@ private:
         // All that is inside comes first.
         for (std::size_t k = 0; k < inside_.size() + shell_.size(); ++k) {
             const bool is_inside = k < inside_.size();
-            for (const Index j :
-                 next_to(is_inside ? inside_[k] : shell_[k - inside_.size()], graph)) {
+            for (const Index j : graph[is_inside ? inside_[k] : shell_[k - inside_.size()]]) {
                 if (state(j) != State::kUnseen) continue;
                 const double off = distance(j, at);
                 if (is_inside && off < radius_) {
@@ -120,7 +113,7 @@ private:
             arm.rows.push_back(first);
             state(first) = State::kArm;
             for (std::size_t k = 0; k < arm.rows.size(); ++k)
-                for (const Index j : next_to(arm.rows[k], graph))
+                for (const Index j : graph[arm.rows[k]])
                     if (state(j) == State::kShell) {
                         state(j) = State::kArm;
                         arm.rows.push_back(j);
@@ -153,7 +146,7 @@ private:
         };
         add(arm.rows.front());
         for (std::size_t k = 0; k < reached.size() && reached.size() <= most; ++k)
-            for (const Index j : next_to(reached[k], graph)) add(j);
+            for (const Index j : graph[reached[k]]) add(j);
         look();
         for (std::size_t k = 0; k < reached.size(); ++k) state(reached[k]) = before[k];
         return reached.size();
@@ -235,24 +228,32 @@ private:
         return of_rows;
     }
 
-    /// What doesn't hang together with its limb goes to the other. Whether both arms of each do.
+    /// What doesn't hang together with its limb goes to the other. Whether all does then, with both
+    /// arms of each.
     bool make_whole(const SurfaceGraph& graph, const Limbs& limbs, LimbOfRows& of_rows) const {
-        std::vector<char> is_reached(of_rows.size(), 0);
-        for (std::size_t k = 0; k < limbs.size(); ++k) {
-            std::vector<Index> reached{limbs[k].from.rows.front()};
-            is_reached[to_size(reached.front())] = 1;
-            for (std::size_t n = 0; n < reached.size(); ++n)
-                for (const Index j : next_to(reached[n], graph))
-                    if (of_rows[to_size(j)] == static_cast<signed char>(k) &&
-                        std::exchange(is_reached[to_size(j)], char{1}) == 0)
-                        reached.push_back(j);
-            const std::vector<Index>& end = limbs[k].to.rows;
-            if (!end.empty() && is_reached[to_size(end.front())] == 0) return false;
-        }
-        for (const Index i : inside_)
-            if (is_reached[to_size(i)] == 0)
+        constexpr int kRounds = 4;  // what is inside what goes to the other limb follows it
+        for (int round = 0; round < kRounds; ++round) {
+            std::vector<char> is_reached(of_rows.size(), 0);
+            for (std::size_t k = 0; k < limbs.size(); ++k) {
+                std::vector<Index> reached{limbs[k].from.rows.front()};
+                is_reached[to_size(reached.front())] = 1;
+                for (std::size_t n = 0; n < reached.size(); ++n)
+                    for (const Index j : graph[reached[n]])
+                        if (of_rows[to_size(j)] == static_cast<signed char>(k) &&
+                            std::exchange(is_reached[to_size(j)], char{1}) == 0)
+                            reached.push_back(j);
+                const std::vector<Index>& end = limbs[k].to.rows;
+                if (!end.empty() && is_reached[to_size(end.front())] == 0) return false;
+            }
+            bool is_whole = true;
+            for (const Index i : inside_) {
+                if (is_reached[to_size(i)] != 0) continue;
+                is_whole = false;
                 of_rows[to_size(i)] = static_cast<signed char>(1 - of_rows[to_size(i)]);
-        return true;
+            }
+            if (is_whole) return true;
+        }
+        return false;
     }
 
     void forget() {

@@ -38,12 +38,23 @@ struct Sides {
 };
 
 constexpr Index kFewestRows = 100;  // of a piece
-constexpr double kLargest = 0.7;    // share of the whole: what is larger is no part …
-constexpr double kSmall = 0.8;      // … unless the part is smaller than that, both at area 1
+constexpr double kSmall = 0.8;      // a part, where it lies on the whole, both at area 1
+
+/// What of the whole the part covers where it lies.
+struct Cover {
+    std::vector<char> cells;  ///< of each coarse point of the whole
+    double share = 0.0;       ///< of its area
+
+    /// Whether that is a part of the whole, not nearly all of it, as what half a body covers may
+    /// be with its margin.
+    bool is_small(double scale) const {
+        constexpr double kLargest = 0.7;
+        return share < kLargest || scale < kSmall;
+    }
+};
 
 /// A piece of the whole, laid where the part was given.
 struct Piece {
-    double share = 0.0;         ///< of the whole's area: what the part covers, with a margin
     std::vector<Index> rows;    ///< of the whole
     std::vector<Index> border;  ///< places in `rows` next to what isn't in it
     std::vector<Index> others;  ///< rows of the whole that aren't in it
@@ -90,19 +101,21 @@ public:
     }
     const Sides& sides() const { return sides_; }
 
-    /// What the part covers where it lies, with what hangs on that.
-    Piece piece(const PartPlace& place) const {
+    /// What the part covers where it lies, with a margin.
+    Cover cover(const PartPlace& place) const {
         constexpr double kMargin = 0.12;
-        std::vector<char> covered = covered_by_part(part(), whole(), place.pose, kMargin);
-        const double share = share_of_area(covered);
-        cover_what_hangs_on(whole(), covered);
-        return piece(covered, share,
+        return with_share(covered_by_part(part(), whole(), place.pose, kMargin));
+    }
+    /// That, with what hangs on it.
+    Piece piece(const PartPlace& place, Cover cover) const {
+        cover_what_hangs_on(part(), whole(), place.pose, cover.cells);
+        return piece(cover.cells,
                      composed(sides_.part(unit_).placement.inverse(),
                               composed(place.pose.inverse(), sides_.whole(unit_).placement)));
     }
 
-    /// What an earlier map didn't take to an end.
-    Piece piece(const RefinementStart& start) const {
+    /// What an earlier map didn't take to an end; none where that is nearly all of the whole.
+    std::optional<Piece> piece(const RefinementStart& start) const {
         constexpr double kAtEnd = 1e-6;
         const Positions& images = sides_.part_is_source ? start.target_images : start.source_images;
         const RefinementCloud& cloud = sides_.part(given_);
@@ -117,9 +130,13 @@ public:
             rows.push_back(i);
         }
         const Positions& places = sides_.whole(given_).positions;
-        return piece(covered, share_of_area(covered),
-                     rows.empty() ? Similarity{}
-                                  : fit_similarity(gather(places, rows), gather(images, rows)));
+        if (rows.empty()) return {};
+        const Similarity move = fit_similarity(gather(places, rows), gather(images, rows));
+        const Cover cover = with_share(std::move(covered));
+        const double scale =
+            sides_.whole(unit_).placement.scale / (move.scale * sides_.part(unit_).placement.scale);
+        if (!cover.is_small(scale)) return {};
+        return piece(cover.cells, move);
     }
 
     /// An earlier map as one onto the piece.
@@ -158,22 +175,19 @@ public:
                            std::span<const Feature> features) const;
 
 private:
-    /// Of the whole's area, what is covered.
-    double share_of_area(const std::vector<char>& covered) const {
+    Cover with_share(std::vector<char> cells) const {
         double area = 0.0;
-        for (std::size_t i = 0; i < covered.size(); ++i)
-            if (covered[i] != 0) area += whole().areas[to_index(i)];
-        return area / whole().areas.sum();
+        for (std::size_t i = 0; i < cells.size(); ++i)
+            if (cells[i] != 0) area += whole().areas[to_index(i)];
+        return {std::move(cells), area / whole().areas.sum()};
     }
-    Piece piece(const std::vector<char>& covered, double share, const Similarity& move) const {
+    Piece piece(const std::vector<char>& covered, const Similarity& move) const {
         std::vector<char> at_border(covered.size(), 0);
         const SurfaceGraph& graph = whole().graph;
         for (Index i = 0; i < graph.size(); ++i)
-            for (auto e = to_size(graph.offsets[to_size(i)]);
-                 e < to_size(graph.offsets[to_size(i) + 1]); ++e)
-                if (covered[to_size(graph.neighbors[e])] == 0) at_border[to_size(i)] = 1;
+            for (const Index j : graph[i])
+                if (covered[to_size(j)] == 0) at_border[to_size(i)] = 1;
         Piece piece;
-        piece.share = share;
         for (std::size_t i = 0; i < cells_.size(); ++i) {
             const auto cell = to_size(cells_[i]);
             if (covered[cell] == 0) {
@@ -264,20 +278,48 @@ struct PieceMap {
     double cost = 0.0;
 };
 
-/// Share of the smaller one of two pieces, sorted rows, that is in both.
-double overlap(const std::vector<Index>& a, const std::vector<Index>& b) {
-    std::vector<Index> both;
-    std::ranges::set_intersection(a, b, std::back_inserter(both));
-    return static_cast<double>(both.size()) / static_cast<double>(std::max(a.size(), b.size()));
+/// Of the larger one of two sets of coarse points, the share that is in both.
+double overlap(const std::vector<char>& a, const std::vector<char>& b) {
+    std::ptrdiff_t of_a = 0, of_b = 0, of_both = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) {
+        of_a += a[i] != 0;
+        of_b += b[i] != 0;
+        of_both += a[i] != 0 && b[i] != 0;
+    }
+    return static_cast<double>(of_both) / static_cast<double>(std::max(of_a, of_b));
 }
 
 /// A piece that the part may be, and how well it fits there.
 struct LikelyPiece {
     Piece piece;
-    double misfit;    ///< of the part where it lies
-    double unlikely;  ///< that, times how far its area is from what is covered
-    bool is_small;    ///< a part of the whole, not nearly all of it
+    double misfit;  ///< of the part where it lies
 };
+
+/// Where the part may lie, from the likeliest place on.
+struct LikelyPlace {
+    const PartPlace* place;
+    Cover cover;
+    double unlikely;  ///< the misfit, times how far the part's area is from what it covers
+};
+
+std::vector<LikelyPlace> likely_places(const PartOfWhole& shapes,
+                                       const std::vector<PartPlace>& places, Progress& progress) {
+    constexpr double kWorthATry = 2.0;
+    constexpr double kWithMargin = 1.15;  // its own areas that a half covers where it belongs
+    std::vector<LikelyPlace> likely;
+    for (const PartPlace& place : places) {
+        if (!progress.poll()) progress.throw_if_cancelled();
+        if (place.misfit > kWorthATry * places.front().misfit) break;
+        Cover cover = shapes.cover(place);
+        if (!(cover.share > 0.0)) continue;
+        // Where an arm lies on a leg, a half covers more than itself; where on nothing, less.
+        const double own = kWithMargin * place.pose.scale * place.pose.scale,
+                     times = std::max(cover.share / own, own / cover.share);
+        likely.push_back({&place, std::move(cover), place.misfit * times});
+    }
+    std::ranges::stable_sort(likely, {}, &LikelyPlace::unlikely);
+    return likely;
+}
 
 /// The pieces that are worth a map, the likeliest first, each another one; all of them, or the
 /// likeliest of a part that is clearly small.
@@ -285,33 +327,24 @@ std::vector<LikelyPiece> likely_pieces(const PartOfWhole& shapes, const PartMark
                                        Progress& progress) {
     constexpr std::size_t kPlaces = 40;
     const std::size_t most = all ? 4 : 1;
-    constexpr double kWorthATry = 2.0, kWorthAMap = 1.6, kAsLikely = 1.1, kSame = 0.5;
-    constexpr double kWithMargin = 1.15;  // its own areas that a half covers where it belongs
+    constexpr double kWorthAMap = 1.6, kAsLikely = 1.1, kSame = 0.5;
     const std::vector<PartPlace> places =
         find_part(shapes.part(), shapes.whole(), marks, {kPlaces, !all}, progress);
-    std::vector<LikelyPiece> found;
-    for (const PartPlace& place : places) {
-        if (place.misfit > kWorthATry * places.front().misfit) break;
-        Piece piece = shapes.piece(place);
-        if (to_index(piece.rows.size()) < kFewestRows) continue;
-        // Where an arm lies on a leg, a half covers more than itself; where on nothing, less.
-        const double own = kWithMargin * place.pose.scale * place.pose.scale;
-        const double times = std::max(piece.share / own, own / piece.share);
-        // With the margin, the piece of a half may be most of the whole.
-        const bool is_small = piece.share < kLargest || place.pose.scale < kSmall;
-        const double unlikely = place.misfit * times;
-        found.push_back({std::move(piece), place.misfit, unlikely, is_small});
-    }
-    std::ranges::stable_sort(found, {}, &LikelyPiece::unlikely);
+    const std::vector<LikelyPlace> likely = likely_places(shapes, places, progress);
     std::vector<LikelyPiece> pieces;
-    for (LikelyPiece& one : found) {
-        if (pieces.size() == most || one.unlikely > kWorthAMap * found.front().unlikely) break;
-        if (pieces.empty() && one.unlikely > kAsLikely * found.front().unlikely)
-            break;  // the shape lacks little
-        if (one.is_small && std::ranges::none_of(pieces, [&](const LikelyPiece& other) {
-                return overlap(other.piece.rows, one.piece.rows) > kSame;
+    std::vector<const Cover*> covers;
+    for (const auto& [place, cover, unlikely] : likely) {
+        const double times = pieces.empty() ? kAsLikely : kWorthAMap;
+        if (pieces.size() == most || unlikely > times * likely.front().unlikely) break;
+        if (!cover.is_small(place->pose.scale) ||
+            std::ranges::any_of(covers, [&](const Cover* other) {
+                return overlap(other->cells, cover.cells) > kSame;
             }))
-            pieces.push_back(std::move(one));
+            continue;
+        Piece piece = shapes.piece(*place, cover);
+        if (to_index(piece.rows.size()) < kFewestRows) continue;
+        pieces.push_back({std::move(piece), place->misfit});
+        covers.push_back(&cover);
     }
     return pieces;
 }
@@ -379,13 +412,13 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
     return quietly(progress, [&](Progress& quiet) -> PartOrWhole {
         if (start) {
             const PartOfWhole shapes({source, target}, options, quiet);
-            const Piece piece = shapes.piece(*start);
-            if (!(piece.share < kLargest)) return onto_all();
-            const auto mine = features_within(features, shapes.sides(), piece.rows);
+            const std::optional<Piece> piece = shapes.piece(*start);
+            if (!piece) return onto_all();
+            const auto mine = features_within(features, shapes.sides(), piece->rows);
             if (!mine) return onto_all();
-            const RefinementStart own = shapes.within(*start, piece);
-            return {shapes.with_others(shapes.map_onto(piece, *mine, options, progress, &own),
-                                       piece, features),
+            const RefinementStart own = shapes.within(*start, *piece);
+            return {shapes.with_others(shapes.map_onto(*piece, *mine, options, progress, &own),
+                                       *piece, features),
                     true};
         }
         std::optional<PartOfWhole> shapes;

@@ -483,12 +483,10 @@ std::vector<std::vector<Index>> connected(const SurfaceGraph& graph,
         std::vector<Index>& piece = pieces.emplace_back(1, start);
         seen[to_size(start)] = 1;
         for (std::size_t k = 0; k < piece.size(); ++k)
-            for (auto e = to_size(graph.offsets[to_size(piece[k])]);
-                 e < to_size(graph.offsets[to_size(piece[k]) + 1]); ++e) {
-                const auto j = to_size(graph.neighbors[e]);
-                if (is_among[j] == 0 || seen[j] != 0) continue;
-                seen[j] = 1;
-                piece.push_back(graph.neighbors[e]);
+            for (const Index j : graph[piece[k]]) {
+                if (is_among[to_size(j)] == 0 || seen[to_size(j)] != 0) continue;
+                seen[to_size(j)] = 1;
+                piece.push_back(j);
             }
     }
     return pieces;
@@ -562,17 +560,30 @@ std::vector<char> covered_by_part(const CoarseShape& part, const CoarseShape& wh
     return covered;
 }
 
-void cover_what_hangs_on(const CoarseShape& shape, std::vector<char>& covered) {
-    constexpr double kSmall = 1.0 / 3.0;
+void cover_what_hangs_on(const CoarseShape& part, const CoarseShape& whole, const Similarity& pose,
+                         std::vector<char>& covered) {
+    constexpr double kSmall = 1.0 / 3.0, kAtEnd = 0.5;  // of what it hangs on
     std::vector<char> is_free(covered.size());
     std::ranges::transform(covered, is_free.begin(), [](char its) { return its == 0; });
-    const std::vector<std::vector<Index>> pieces = connected(shape.graph, is_free);
+    const std::vector<std::vector<Index>> pieces = connected(whole.graph, is_free);
     if (pieces.empty()) return;
     std::vector<double> areas;
-    for (const std::vector<Index>& piece : pieces) areas.push_back(shape.areas(piece).sum());
+    for (const std::vector<Index>& piece : pieces) areas.push_back(whole.areas(piece).sum());
     const double most = kSmall * std::ranges::max(areas);
+    const KdTree<3> tree(part.positions);
+    const auto part_ends_at = [&](const std::vector<Index>& piece) {
+        std::vector<Index> beside;
+        for (const Index row : piece)
+            for (const Index j : whole.graph[row])
+                if (is_free[to_size(j)] == 0) beside.push_back(j);
+        const std::vector<Index> nearest =
+            nearest_rows(tree, pose.inverse().apply(gather(whole.positions, beside)));
+        const auto at_end = std::ranges::count_if(
+            nearest, [&](Index i) { return !part.ends.empty() && part.ends[to_size(i)] != 0; });
+        return static_cast<double>(at_end) > kAtEnd * static_cast<double>(beside.size());
+    };
     for (std::size_t k = 0; k < pieces.size(); ++k)
-        if (areas[k] < most)
+        if (areas[k] <= most && !part_ends_at(pieces[k]))
             for (const Index row : pieces[k]) covered[to_size(row)] = 1;
 }
 

@@ -49,9 +49,10 @@ std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& who
 std::vector<char> covered_by_part(const CoarseShape& part, const CoarseShape& whole,
                                   const Similarity& pose, double margin);
 
-/// Covers what hangs on what is covered and on nothing else, but what is over a third as large as
-/// the largest such piece: the hand of an arm that the part holds another way, not what the part
-/// lacks.
-void cover_what_hangs_on(const CoarseShape& shape, std::vector<char>& covered);
+/// Covers what else of the whole is a third as large as the largest such piece or smaller, unless
+/// the part ends where it hangs: the hand of an arm that the part holds another way, not what the
+/// part lacks. `pose` takes the part there.
+void cover_what_hangs_on(const CoarseShape& part, const CoarseShape& whole, const Similarity& pose,
+                         std::vector<char>& covered);
 
 }  // namespace pointmorph

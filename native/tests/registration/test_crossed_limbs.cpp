@@ -97,6 +97,10 @@ struct Surface {
     }
 };
 
+bool hangs_together(const SurfaceGraph& graph) {
+    return GeodesicSearch(graph).from(0).size() == to_size(graph.size());
+}
+
 double between(const SurfaceGraph& graph, Index from, Index to) {
     GeodesicSearch search(graph);
     for (const auto& [row, distance] : search.from(from))
@@ -115,8 +119,10 @@ TEST(CrossedLimbs, AreNotJoinedWhereTheyCross) {
         EXPECT_LT(between(surface.graph, foot, fore_foot), 2.0);  // through the crossing
         // Up one leg, along the trunk and down the other.
         EXPECT_GT(between(cut, foot, fore_foot), 4.0);
+        EXPECT_LT(between(cut, foot, fore_foot), 7.0);
         const double leg = (kHind - Vector3(-0.77, 0.0, -0.3)).norm();
         EXPECT_NEAR(between(cut, foot, hip), leg, 0.15 * leg);
+        EXPECT_TRUE(hangs_together(cut));
     }
 }
 
@@ -140,8 +146,7 @@ TEST(CrossedLimbs, LoseNothingElsewhere) {
         }
     }
     EXPECT_GT(dropped, 100u);
-    GeodesicSearch search(cut);
-    EXPECT_EQ(search.from(0).size(), to_size(cut.size()));
+    EXPECT_TRUE(hangs_together(cut));
 }
 
 TEST(CrossedLimbs, AreToldAtAnyScaleAndTurnedAnyWay) {
@@ -167,7 +172,9 @@ TEST(CrossedLimbs, GoOnWhereAnotherEnds) {
                 other = shapes::nearest_row(figure.positions, {-0.3, 0.1, -0.42});
     EXPECT_LT(between(surface.graph, foot, other), 2.0);
     EXPECT_GT(between(cut, foot, other), 2.6);
+    EXPECT_LT(between(cut, foot, other), 5.0);
     EXPECT_NEAR(between(cut, foot, hip), 1.45, 0.25);
+    EXPECT_TRUE(hangs_together(cut));
 }
 
 TEST(CrossedLimbs, ArentWhatBelongsTogether) {

@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
-#include <initializer_list>
 #include <span>
 #include <vector>
 
@@ -208,47 +208,67 @@ TEST(PartOnWhole, WhatIsAboutAsLargeAsTheWholeHasNoPlaceOnIt) {
     EXPECT_TRUE(find_part(part, body, {}, {3, true}, progress).empty());
 }
 
-/// Rows in a row on either side of a middle one, 0, as many as each arm has; all with an area of 1.
-CoarseShape star(std::span<const Index> arms) {
+/// A middle row, 0, and rows in a row along each axis, as many as each arm has; all with an area of
+/// 1.
+CoarseShape star(const std::array<Index, 3>& arms) {
     std::vector<std::vector<Index>> neighbors(1);
-    for (const Index arm : arms)
-        for (Index k = 0; k < arm; ++k) {
+    std::vector<Vector3> places(1, Vector3::Zero());
+    for (std::size_t axis = 0; axis < arms.size(); ++axis)
+        for (Index k = 0; k < arms[axis]; ++k) {
             const Index row = to_index(neighbors.size()), before = k == 0 ? 0 : row - 1;
             neighbors.push_back({before});
             neighbors[to_size(before)].push_back(row);
+            places.push_back((k + 1.0) * Vector3::Unit(static_cast<Eigen::Index>(axis)));
         }
     CoarseShape shape;
-    for (const std::vector<Index>& its : neighbors) {
-        shape.graph.neighbors.insert(shape.graph.neighbors.end(), its.begin(), its.end());
+    shape.positions.resize(to_index(places.size()), 3);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        shape.positions.row(to_index(i)) = places[i].transpose();
+        shape.graph.neighbors.insert(shape.graph.neighbors.end(), neighbors[i].begin(),
+                                     neighbors[i].end());
         shape.graph.offsets.push_back(static_cast<std::int64_t>(shape.graph.neighbors.size()));
     }
     shape.graph.lengths.assign(shape.graph.neighbors.size(), 1.0);
-    shape.areas = Values::Ones(to_index(neighbors.size()));
+    shape.areas = Values::Ones(shape.positions.rows());
     return shape;
 }
 
 TEST(PartOnWhole, WhatHangsOnAPieceBelongsToIt) {
-    const Index arms[] = {2, 4, 10};
-    CoarseShape shape = star(arms);
-    const auto covered_with = [&](std::initializer_list<std::size_t> rows) {
-        std::vector<char> covered(to_size(shape.graph.size()), 0);
+    using Rows = std::vector<std::size_t>;
+    CoarseShape whole = star({2, 4, 10}), part;
+    part.positions = Positions::Zero(1, 3);
+    const auto covered_with = [&](const Rows& rows) {
+        std::vector<char> covered(to_size(whole.size()), 0);
         for (const std::size_t row : rows) covered[row] = 1;
-        cover_what_hangs_on(shape, covered);
-        std::vector<std::size_t> result;
+        cover_what_hangs_on(part, whole, {}, covered);
+        Rows result;
         for (std::size_t i = 0; i < covered.size(); ++i)
             if (covered[i] != 0) result.push_back(i);
         return result;
     };
-    using Rows = std::vector<std::size_t>;
-    EXPECT_EQ(covered_with({0}), (Rows{0, 1, 2}));                 // 4 are more than a third of 10
+    EXPECT_EQ(covered_with({0}), (Rows{0, 1, 2}));                 // 4 are over a third of 10
     EXPECT_EQ(covered_with({0, 3}), (Rows{0, 1, 2, 3, 4, 5, 6}));  // 3 aren't
-    EXPECT_EQ(covered_with({5}), (Rows{5, 6}));                    // the middle hangs on the rest
+    EXPECT_EQ(covered_with({5}), (Rows{5, 6}));                    // the middle is the largest
     EXPECT_EQ(covered_with({}), Rows{});
-    shape.areas.segment(3, 4).setConstant(0.5);  // areas count, not rows
+    whole.areas.segment(3, 4).setConstant(0.5);  // areas count, not rows
     EXPECT_EQ(covered_with({0}), (Rows{0, 1, 2, 3, 4, 5, 6}));
-    std::vector<char> all(to_size(shape.graph.size()), 1);
-    cover_what_hangs_on(shape, all);
-    EXPECT_EQ(std::ranges::count(all, 1), shape.graph.size());
+    std::vector<char> all(to_size(whole.size()), 1);
+    cover_what_hangs_on(part, whole, {}, all);
+    EXPECT_EQ(std::ranges::count(all, 1), to_index(all.size()));
+}
+
+TEST(PartOnWhole, WhatThePartLacksDoesntHangOnIt) {
+    const CoarseShape whole = star({2, 4, 20});
+    CoarseShape part;  // half as large, and elsewhere; it ends where the first arm begins
+    part.positions = 0.5 * whole.positions.topRows(2);
+    part.positions.rowwise() += Eigen::RowVector3d(3.0, 0.0, 0.0);
+    part.ends = {0, 1};
+    const Similarity pose{2.0, Matrix3::Identity(), {-6.0, 0.0, 0.0}};
+    std::vector<char> covered(to_size(whole.size()), 0);
+    covered[0] = covered[1] = 1;
+    cover_what_hangs_on(part, whole, pose, covered);
+    EXPECT_EQ(covered[2], 0);
+    EXPECT_EQ(std::ranges::count(covered, 1), 6);  // with the second arm
 }
 
 TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {

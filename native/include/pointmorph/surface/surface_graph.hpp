@@ -22,6 +22,11 @@ struct SurfaceGraph {
     std::vector<double> lengths;
 
     Index size() const { return to_index(offsets.size()) - 1; }
+    /// Rows next to a row.
+    std::span<const Index> operator[](Index row) const {
+        const auto begin = to_size(offsets[to_size(row)]), end = to_size(offsets[to_size(row) + 1]);
+        return std::span(neighbors).subspan(begin, end - begin);
+    }
 };
 
 /// A symmetric graph with an edge more for every component but the largest: the shortest to that
