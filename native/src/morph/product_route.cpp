@@ -124,10 +124,8 @@ RouteResult match_in_product_space(const RouteInput& input,
     const SampledSurface source = input.source.surface(), target = input.target.surface();
     Refinement refined =
         refine_by_component(input, start, ends, options, result.warnings, progress);
-    LostPoints lost;
-    if (options.leave_missing)
-        lost = send_lost_parts_to_ends(refined, {source, ends.source}, {target, ends.target},
-                                       input.features, progress);
+    const LostPoints lost = send_lost_parts_to_ends(
+        refined, {source, ends.source}, {target, ends.target}, input.features, progress);
     constexpr double kSaid = 0.02;  // a share of the points, where nothing is lost
     const auto say = [&](const Positions& images, const PreparedShape& whole,
                          const PreparedShape& part, std::span<const Index> its_ends,

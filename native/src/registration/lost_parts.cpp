@@ -55,11 +55,11 @@ Values steps_of_images(const WholeOntoPart& map) {
     return steps.cwiseMin(kMost * median(steps));
 }
 
-/// How far each point of the whole is from the part's images, in spacings.
-Values distances_from_images(const WholeOntoPart& map, Progress& progress) {
-    const Values steps = steps_of_images(map),
-                 spacing = local_spacing(map.whole.positions, map.whole.nearest);
-    const double usual = median(spacing);
+/// How far each point of the whole is from the part's images, in spacings. `spacing`: of the whole,
+/// around each of its points and usually.
+Values distances_from_images(const WholeOntoPart& map, const Values& spacing, double usual,
+                             Progress& progress) {
+    const Values steps = steps_of_images(map);
     const KdTree<3> tree(map.part_images);
     Values result(map.whole.size());
     parallel_for(map.whole.size(), progress, [&](Index begin, Index end) {
@@ -164,39 +164,43 @@ std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distanc
 /// its neighbors, and to those that have it for one.
 class PartGraph {
 public:
-    /// `places`: −1 for each row of the surface, and again when the graph goes.
+    /// `places`: −1 for each row of the surface, and again afterwards.
     PartGraph(const SampledSurface& surface, const LostPart& part, std::vector<Index>& places,
               Progress& progress)
-        : surface_(surface), rows_(part.rows), own_(part.rows.size()), places_(places) {
+        : rows_(part.rows), own_(part.rows.size()) {
         rows_.insert(rows_.end(), part.rim.begin(), part.rim.end());
-        for (std::size_t k = 0; k < rows_.size(); ++k) places_[to_size(rows_[k])] = to_index(k);
-        std::vector<IndexPair> more;
+        for (std::size_t k = 0; k < rows_.size(); ++k) places[to_size(rows_[k])] = to_index(k);
+        std::vector<std::pair<Index, Step>> steps;
+        const auto join = [&](Index from, Index to) {
+            const Index a = rows_[to_size(from)], b = rows_[to_size(to)];
+            steps.push_back(
+                {from, {to, (surface.positions.row(a) - surface.positions.row(b)).norm()}});
+        };
         for (std::size_t k = 0; k < rows_.size(); ++k) {
             look_whether_to_end(k, progress);
             const Index row = rows_[k];
-            each_neighbor(k, [&](Index other) {
-                const auto back = surface_.nearest[rows_[to_size(other)]];
-                if (std::ranges::find(back, row) == back.end())
-                    more.push_back({other, to_index(k)});
-            });
+            for (const Index j : surface.nearest[row]) {
+                const Index other = places[to_size(j)];
+                if (other < 0 || (k >= own_ && to_size(other) >= own_)) continue;
+                if (surface.normals.row(row).dot(surface.normals.row(j)) < kOtherSide) continue;
+                join(to_index(k), other);
+                const auto back = surface.nearest[j];
+                if (std::ranges::find(back, row) == back.end()) join(other, to_index(k));
+            }
         }
         for (const auto& [from, to] : part.links) {
-            const Index a = places_[to_size(from)], b = places_[to_size(to)];
-            more.insert(more.end(), {{a, b}, {b, a}});
+            join(places[to_size(from)], places[to_size(to)]);
+            join(places[to_size(to)], places[to_size(from)]);
         }
-        more_ = Grouped<Index>(to_index(rows_.size()), [&](auto&& take) {
-            for (const IndexPair& link : more) take(link.source, link.target);
+        steps_ = Grouped<Step>(to_index(rows_.size()), [&](auto&& take) {
+            for (const auto& [from, step] : steps) take(from, step);
         });
+        for (const Index row : rows_) places[to_size(row)] = -1;
     }
-    ~PartGraph() {
-        for (const Index row : rows_) places_[to_size(row)] = -1;
-    }
-    PartGraph(const PartGraph&) = delete;
-    PartGraph& operator=(const PartGraph&) = delete;
 
     /// How far each of the part's rows is along the surface from a place in its rim; infinite where
     /// nothing leads there.
-    Values distances_from(Index place) const {
+    Values distances_from(Index place, Progress& progress) const {
         constexpr double kNowhere = std::numeric_limits<double>::infinity();
         Values distances = Values::Constant(to_index(rows_.size()), kNowhere);
         using Entry = std::pair<double, Index>;
@@ -204,20 +208,17 @@ public:
         const Index first = to_index(own_) + place;
         distances[first] = 0.0;
         open.emplace(0.0, first);
-        while (!open.empty()) {
+        for (std::size_t done = 0; !open.empty(); ++done) {
+            look_whether_to_end(done, progress);
             const auto [distance, i] = open.top();
             open.pop();
             if (distance > distances[i]) continue;
-            const auto reach = [&, from = distance, i = i](Index j) {
-                const double there = from + (surface_.positions.row(rows_[to_size(i)]) -
-                                             surface_.positions.row(rows_[to_size(j)]))
-                                                .norm();
-                if (!(there < distances[j])) return;
-                distances[j] = there;
-                open.emplace(there, j);
-            };
-            each_neighbor(to_size(i), reach);
-            for (const Index j : more_[i]) reach(j);
+            for (const Step& step : steps_[i]) {
+                const double there = distance + step.length;
+                if (!(there < distances[step.to])) continue;
+                distances[step.to] = there;
+                open.emplace(there, step.to);
+            }
         }
         return distances.head(to_index(own_));
     }
@@ -226,22 +227,14 @@ public:
     std::span<const Index> rows() const { return rows_; }
 
 private:
-    template <class Take>
-    void each_neighbor(std::size_t k, Take&& take) const {
-        const Index row = rows_[k];
-        for (const Index j : surface_.nearest[row]) {
-            const Index other = places_[to_size(j)];
-            if (other < 0 || (k >= own_ && to_size(other) >= own_)) continue;
-            if (surface_.normals.row(row).dot(surface_.normals.row(j)) < kOtherSide) continue;
-            take(other);
-        }
-    }
+    struct Step {
+        Index to;
+        double length;
+    };
 
-    const SampledSurface& surface_;
     std::vector<Index> rows_;  ///< of the surface
     std::size_t own_;          ///< how many of them aren't the rim
-    std::vector<Index>& places_;
-    Grouped<Index> more_;  ///< to whom each is joined that isn't its neighbor
+    Grouped<Step> steps_;
 };
 
 /// Some of the points, as far from each other as they can be.
@@ -272,20 +265,18 @@ std::vector<Index> places_to_hang_on(const SampledSurface& surface, const LostPa
     const KdTree<3> tree(of_both);
     const std::vector<Index> chosen = spread(of_rim, kPlaces);
     Eigen::MatrixXd costs(of_part.rows(), to_index(chosen.size()));
-    const auto judge = [&](Index begin, Index end) {
-        for (Index c = begin; c < end; ++c) {
-            const auto place = of_rim.row(chosen[to_size(c)]);
-            costs.col(c) = kAlong * graph.distances_from(chosen[to_size(c)]);
-            for (Index k = 0; k < of_part.rows(); ++k) {
-                const Eigen::RowVector3d middle = (of_part.row(k) + place) / 2.0;
-                Index nearest = 0;
-                double squared = 0.0;
-                tree.nearest(middle.data(), {&nearest, 1}, {&squared, 1});
-                costs(k, c) += std::sqrt(squared);
-            }
+    parallel_invoke(static_cast<int>(chosen.size()), progress, [&](int c, Progress& its) {
+        const Index of_place = chosen[static_cast<std::size_t>(c)];
+        costs.col(c) = kAlong * graph.distances_from(of_place, its);
+        for (Index k = 0; k < of_part.rows(); ++k) {
+            look_whether_to_end(to_size(k), its);
+            const Eigen::RowVector3d middle = (of_part.row(k) + of_rim.row(of_place)) / 2.0;
+            Index nearest = 0;
+            double squared = 0.0;
+            tree.nearest(middle.data(), {&nearest, 1}, {&squared, 1});
+            costs(k, c) += std::sqrt(squared);
         }
-    };
-    parallel_for(costs.cols(), progress, judge, 0.0, 1.0, 1);
+    });
     std::vector<Index> result(part.rows.size(), -1), unreached;
     for (std::size_t k = 0; k < result.size(); ++k) {
         Index best = 0;
@@ -406,28 +397,36 @@ bool has_feature(const LostPart& part, std::span<const Index> marked) {
     return std::ranges::any_of(part.rows, [&](Index i) { return is_among(i, marked); });
 }
 
+/// Where the part ends: there, and on the whole.
+struct Ends {
+    explicit Ends(const WholeOntoPart& map)
+        : there(gather(map.part.positions, map.ends)), images(gather(map.part_images, map.ends)) {}
+
+    Positions there, images;
+    KdTree<3> tree_there{there}, tree_of_images{images};
+};
+
 /// Whether all of it lies at ends already.
-bool is_there(const LostPart& part, const WholeOntoPart& map) {
-    if (map.ends.empty()) return false;
-    const Positions ends = gather(map.part.positions, map.ends),
-                    images = gather(map.images, part.rows);
-    return images == gather(ends, nearest_rows(KdTree<3>(ends), images));
+bool is_there(const LostPart& part, const WholeOntoPart& map, const Ends& ends) {
+    const Positions images = gather(map.images, part.rows);
+    return images == gather(ends.there, nearest_rows(ends.tree_there, images));
 }
 
 /// Pairs each row that goes to an end with that alone, and what has no other partner then with what
-/// lies nearest to its image. `end_of`: −1 for what stays.
-void pair_with_ends(const WholeOntoPart& map, std::span<const Index> end_of, Pairing& pairs) {
+/// lies nearest to its image and stays. `end_of`: −1 for what stays. Throws Cancelled, and changes
+/// nothing then.
+void pair_with_ends(const WholeOntoPart& map, std::span<const Index> end_of, Pairing& pairs,
+                    Progress& progress) {
+    const auto goes = [&](const IndexPair& pair) { return end_of[to_size(pair.*map.row)] >= 0; };
     std::vector<char> has_partner(to_size(map.part.size()), 0);
-    std::erase_if(pairs, [&](const IndexPair& pair) {
-        const bool goes = end_of[to_size(pair.*map.row)] >= 0;
-        if (!goes) has_partner[to_size(pair.*map.partner)] = 1;
-        return goes;
-    });
+    for (const IndexPair& pair : pairs)
+        if (!goes(pair)) has_partner[to_size(pair.*map.partner)] = 1;
+    Pairing added;
     const auto add = [&](Index row, Index partner) {
         IndexPair pair;
         pair.*map.row = row;
         pair.*map.partner = partner;
-        pairs.push_back(pair);
+        added.push_back(pair);
     };
     std::vector<Index> staying, alone;
     for (Index i = 0; i < map.whole.size(); ++i)
@@ -437,63 +436,47 @@ void pair_with_ends(const WholeOntoPart& map, std::span<const Index> end_of, Pai
             add(i, end_of[to_size(i)]);
     for (Index i = 0; i < map.part.size(); ++i)
         if (has_partner[to_size(i)] == 0) alone.push_back(i);
+    if (!progress.poll()) progress.throw_if_cancelled();
     if (!alone.empty() && !staying.empty()) {
         const Positions there = gather(map.whole.positions, staying);
         const std::vector<Index> nearest =
             nearest_rows(KdTree<3>(there), gather(map.part_images, alone));
         for (std::size_t k = 0; k < alone.size(); ++k) add(staying[to_size(nearest[k])], alone[k]);
     }
+    std::erase_if(pairs, goes);
+    pairs.insert(pairs.end(), added.begin(), added.end());
     std::ranges::sort(pairs);
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
 }
 
 /// The ends that the places around a lost part go to; none if they aren't at ends.
-std::vector<Index> ends_at_rim(const WholeOntoPart& map, const LostPart& part, double spacing) {
-    if (map.ends.empty()) return {};
-    const Positions ends = gather(map.part_images, map.ends),
-                    rim = gather(map.whole.positions, part.rim);
-    std::vector<Index> rows = nearest_rows(KdTree<3>(ends), rim);
-    const Values gaps = (rim - gather(ends, rows)).rowwise().norm();
+std::vector<Index> ends_at_rim(const WholeOntoPart& map, const Ends& ends, const LostPart& part,
+                               double spacing) {
+    const Positions rim = gather(map.whole.positions, part.rim);
+    std::vector<Index> rows = nearest_rows(ends.tree_of_images, rim);
+    const Values gaps = (rim - gather(ends.images, rows)).rowwise().norm();
     const auto near = (gaps.array() < kAtEnd * spacing).count();
     if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) return {};
     for (Index& row : rows) row = map.ends[to_size(row)];
     return rows;
 }
 
-/// Whatever lies where the places around a lost part go, if the hole that it leaves may be too
-/// small to be found, as that of a tail.
-std::vector<Index> small_hole_at_rim(const WholeOntoPart& map, const LostPart& part,
-                                     double spacing) {
-    constexpr double kSmallHole = 10.0;  // spacings: the diagonal of the box around it
-    const Positions rim = gather(map.whole.positions, part.rim);
-    const Eigen::RowVector3d across = rim.colwise().maxCoeff() - rim.colwise().minCoeff();
-    if (across.norm() > kSmallHole * spacing) return {};
-    return nearest_rows(KdTree<3>(map.part_images), rim);
-}
-
-/// The parts that no image comes near, what lies loose beside them among them.
-std::vector<LostPart> all_lost_parts(const WholeOntoPart& map, std::span<const Index> marked,
-                                     Progress& progress) {
-    std::vector<LostPart> parts =
-        lost_parts(map, distances_from_images(map, progress), marked, progress);
-    if (parts.empty()) return parts;
-    const double spacing = median(local_spacing(map.whole.positions, map.whole.nearest));
-    join_loose(map.whole, parts, spacing, progress);
-    std::erase_if(parts, [&](const LostPart& part) { return part.rim.empty(); });
-    return parts;
-}
-
 /// Returns how many points of the whole go there.
-Index send_to_ends(const WholeOntoPart& map, std::span<const LostPart> parts,
-                   std::span<const Index> marked, bool may_have_no_end, Pairing& pairs,
+Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pairing& pairs,
                    Progress& progress) {
-    const double spacing = median(local_spacing(map.whole.positions, map.whole.nearest));
+    if (map.ends.empty()) return 0;
+    const Values spacings = local_spacing(map.whole.positions, map.whole.nearest);
+    const double spacing = median(spacings);
+    std::vector<LostPart> parts =
+        lost_parts(map, distances_from_images(map, spacings, spacing, progress), marked, progress);
+    if (parts.empty()) return 0;
+    join_loose(map.whole, parts, spacing, progress);
+    const Ends ends(map);
     std::vector<Index> end_of(to_size(map.whole.size()), -1), places(end_of.size(), -1);
     Index count = 0;
     for (const LostPart& part : parts) {
-        if (has_feature(part, marked) || is_there(part, map)) continue;
-        std::vector<Index> at_rim = ends_at_rim(map, part, spacing);
-        if (at_rim.empty() && may_have_no_end) at_rim = small_hole_at_rim(map, part, spacing);
+        if (part.rim.empty() || has_feature(part, marked) || is_there(part, map, ends)) continue;
+        const std::vector<Index> at_rim = ends_at_rim(map, ends, part, spacing);
         if (at_rim.empty()) continue;
         const std::vector<Index> beside = places_to_hang_on(map.whole, part, places, progress);
         for (std::size_t k = 0; k < part.rows.size(); ++k)
@@ -501,6 +484,7 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const LostPart> parts,
         count += to_index(part.rows.size());
     }
     if (count == 0) return 0;
+    pair_with_ends(map, end_of, pairs, progress);
     for (Index i = 0; i < map.whole.size(); ++i) {
         const Index end = end_of[to_size(i)];
         if (end < 0) continue;
@@ -508,7 +492,6 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const LostPart> parts,
         for (const Eigen::Index column : {map.column, map.column + 6})
             map.product.row(i).segment<3>(column) = map.part_product.row(end).segment<3>(column);
     }
-    pair_with_ends(map, end_of, pairs);
     return count;
 }
 
@@ -517,6 +500,7 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const LostPart> parts,
 LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress) {
+    if (source.ends.empty() && target.ends.empty()) return {};
     progress.enter("missing parts");
     const auto marked = [&](Marked Feature::*side) {
         std::vector<Index> rows;
@@ -525,28 +509,16 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
         std::ranges::sort(rows);
         return rows;
     };
-    const std::vector<Index> of_source = marked(&Feature::source),
-                             of_target = marked(&Feature::target);
-    const WholeOntoPart onto_source{target.surface,     source.surface,
-                                    source.ends,        map.source_images,
-                                    map.target_images,  map.source_product,
-                                    map.target_product, &IndexPair::target,
-                                    &IndexPair::source, 3};
-    const WholeOntoPart onto_target{source.surface,     target.surface,
-                                    target.ends,        map.target_images,
-                                    map.source_images,  map.target_product,
-                                    map.source_product, &IndexPair::source,
-                                    &IndexPair::target, 0};
     return quietly(progress, [&](Progress& quiet) {
-        const auto target_parts = all_lost_parts(onto_source, of_target, quiet),
-                   source_parts = all_lost_parts(onto_target, of_source, quiet);
-        // If both lack something, they rather aren't where they belong.
-        const bool is_one_sided = target_parts.empty() || source_parts.empty();
         LostPoints lost;
-        lost.of_target =
-            send_to_ends(onto_source, target_parts, of_target, is_one_sided, map.pairs, quiet);
-        lost.of_source =
-            send_to_ends(onto_target, source_parts, of_source, is_one_sided, map.pairs, quiet);
+        lost.of_target = send_to_ends(
+            {target.surface, source.surface, source.ends, map.source_images, map.target_images,
+             map.source_product, map.target_product, &IndexPair::target, &IndexPair::source, 3},
+            marked(&Feature::target), map.pairs, quiet);
+        lost.of_source = send_to_ends(
+            {source.surface, target.surface, target.ends, map.target_images, map.source_images,
+             map.target_product, map.source_product, &IndexPair::source, &IndexPair::target, 0},
+            marked(&Feature::source), map.pairs, quiet);
         return lost;
     });
 }

@@ -18,15 +18,14 @@ struct EndingCloud {
     std::span<const Index> ends;
 };
 
-/// How many points joined an end, or the surroundings of a hole that is too small to be found.
+/// How many points joined an end.
 struct LostPoints {
     Index of_source = 0, of_target = 0;
 };
 
 /// Changes what one of the clouds lacks: points of the other that no image comes near, next to what
-/// lies at an end, or around what is no wider than a hole that isn't found. They go there, and are
-/// paired with what is there. What has a feature stays. Enters the stage "missing parts", which
-/// goes on. Throws Cancelled.
+/// lies at an end. They go to that end, and are paired with it. What has a feature stays. Without
+/// ends, nothing changes; else the stage "missing parts" is entered, and goes on. Throws Cancelled.
 LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress);
