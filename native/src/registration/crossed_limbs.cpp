@@ -74,7 +74,7 @@ public:
     }
 
 private:
-    enum class State : char { kUnseen, kInside, kShell, kArm };
+    enum class State : char { kUnseen, kInside, kShell, kArm, kOutside };
 
     State& state(Index row) { return state_[to_size(row)]; }
     double distance(Index row, const Vector3& at) const {
@@ -83,24 +83,26 @@ private:
 
     /// What hangs together with a row within the radius, and the arms that lead away from there.
     void look_around(const SurfaceGraph& graph, Index row, const Vector3& at) {
+        const double inner = radius_ * radius_, outer = std::pow(radius_ + width_, 2);
+        const auto look_next_to = [&](Index i, bool is_inside) {
+            for (const Index j : graph[i]) {
+                if (state(j) != State::kUnseen) continue;
+                const double off = (positions_.row(j).transpose() - at).squaredNorm();
+                if (off < inner ? !is_inside : off >= outer) {
+                    state(j) = State::kOutside;
+                    outside_.push_back(j);
+                } else {
+                    state(j) = off < inner ? State::kInside : State::kShell;
+                    (off < inner ? inside_ : shell_).push_back(j);
+                }
+            }
+        };
         inside_.assign(1, row);
         state(row) = State::kInside;
         shell_.clear();
-        // All that is inside comes first.
-        for (std::size_t k = 0; k < inside_.size() + shell_.size(); ++k) {
-            const bool is_inside = k < inside_.size();
-            for (const Index j : graph[is_inside ? inside_[k] : shell_[k - inside_.size()]]) {
-                if (state(j) != State::kUnseen) continue;
-                const double off = distance(j, at);
-                if (is_inside && off < radius_) {
-                    state(j) = State::kInside;
-                    inside_.push_back(j);
-                } else if (off >= radius_ && off < radius_ + width_) {
-                    state(j) = State::kShell;
-                    shell_.push_back(j);
-                }
-            }
-        }
+        outside_.clear();
+        for (std::size_t k = 0; k < inside_.size(); ++k) look_next_to(inside_[k], true);
+        for (std::size_t k = 0; k < shell_.size(); ++k) look_next_to(shell_[k], false);
         find_arms(graph);
     }
 
@@ -257,14 +259,14 @@ private:
     }
 
     void forget() {
-        for (const std::vector<Index>* rows : {&inside_, &shell_})
+        for (const std::vector<Index>* rows : {&inside_, &shell_, &outside_})
             for (const Index i : *rows) state(i) = State::kUnseen;
     }
 
     const Positions& positions_;
     const double radius_, width_;  ///< of the surroundings, and of the shell that tells arms apart
     std::vector<State> state_;     ///< of each row
-    std::vector<Index> inside_, shell_;
+    std::vector<Index> inside_, shell_, outside_;
     std::vector<Arm> arms_;
 };
 
