@@ -21,18 +21,18 @@ struct Arm {
 
 /// A limb where it meets another: the arm by which it hangs on the rest, and that of its end.
 struct Limb {
-    Arm from, to;
+    const Arm *from, *to;
 
     /// The cosine of the angle by which it bends at a place.
     double straightness(const Vector3& at) const {
-        return (at - from.middle).normalized().dot((to.middle - at).normalized());
+        return (at - from->middle).normalized().dot((to->middle - at).normalized());
     }
-    Vector3 axis() const { return to.middle - from.middle; }
+    Vector3 axis() const { return to->middle - from->middle; }
     /// How far a place lies from the axis, which is moved, over the radius there.
     double distance(const Vector3& place, const Vector3& move) const {
-        const Vector3 off = place - from.middle - move;
+        const Vector3 off = place - from->middle - move;
         const double share = std::clamp(off.dot(axis()) / axis().squaredNorm(), 0.0, 1.0);
-        return (off - share * axis()).norm() / ((1.0 - share) * from.radius + share * to.radius);
+        return (off - share * axis()).norm() / ((1.0 - share) * from->radius + share * to->radius);
     }
 };
 
@@ -135,46 +135,41 @@ private:
                                    [&](const Arm& arm) { return arm.radius < kThin * radius_; });
     }
 
-    /// The rows that an arm leads to, and no more than `most` and those next to the last. `look`
-    /// sees them while they count as inside.
-    template <class Look>
-    std::size_t reach(const SurfaceGraph& graph, const Arm& arm, std::size_t most, Look&& look) {
-        std::vector<Index> reached;
+    /// The rows that an arm leads to, and no more than `most` and those next to the last.
+    std::vector<Index> reached(const SurfaceGraph& graph, const Arm& arm, std::size_t most) {
+        std::vector<Index> rows;
         std::vector<State> before;
         const auto add = [&](Index i) {
             if (state(i) == State::kInside) return;
             before.push_back(std::exchange(state(i), State::kInside));
-            reached.push_back(i);
+            rows.push_back(i);
         };
         add(arm.rows.front());
-        for (std::size_t k = 0; k < reached.size() && reached.size() <= most; ++k)
-            for (const Index j : graph[reached[k]]) add(j);
-        look();
-        for (std::size_t k = 0; k < reached.size(); ++k) state(reached[k]) = before[k];
-        return reached.size();
+        for (std::size_t k = 0; k < rows.size() && rows.size() <= most; ++k)
+            for (const Index j : graph[rows[k]]) add(j);
+        for (std::size_t k = 0; k < rows.size(); ++k) state(rows[k]) = before[k];
+        return rows;
     }
 
     /// Finds out which arms lead to ends. Whether the other ones are two that hang together.
     bool find_ends(const SurfaceGraph& graph) {
         constexpr double kLargest = 0.1;  // share of the rows
         const auto most = static_cast<std::size_t>(kLargest * static_cast<double>(graph.size()));
-        const auto is_reached = [&](const Arm& arm) {
-            return state(arm.rows.front()) == State::kInside;
+        const auto lead_to = [](const std::vector<Index>& rows, const Arm& arm) {
+            return std::ranges::find(rows, arm.rows.front()) != rows.end();
         };
         std::vector<const Arm*> hung;
         for (Arm& arm : arms_) {
-            bool meets_another = false;
-            arm.is_free = reach(graph, arm, most, [&] {
-                              meets_another = std::ranges::count_if(arms_, is_reached) > 1;
-                          }) <= most;
-            if (arm.is_free && meets_another) return false;
-            if (!arm.is_free) hung.push_back(&arm);
+            const std::vector<Index> rows = reached(graph, arm, most);
+            arm.is_free = rows.size() <= most;
+            if (!arm.is_free)
+                hung.push_back(&arm);
+            else if (std::ranges::count_if(
+                         arms_, [&](const Arm& other) { return lead_to(rows, other); }) > 1)
+                return false;
         }
-        bool hang_together = false;
-        if (hung.size() == 2)
-            reach(graph, *hung[0], to_size(graph.size()),
-                  [&] { hang_together = is_reached(*hung[1]); });
-        return hang_together && hung.size() < arms_.size();
+        return hung.size() == 2 && hung.size() < arms_.size() &&
+               lead_to(reached(graph, *hung[0], to_size(graph.size())), *hung[1]);
     }
 
     /// The arms that go together, if it is clear. The first limb goes on; the other one does, or
@@ -182,20 +177,18 @@ private:
     std::optional<Limbs> limbs_at(const SurfaceGraph& graph, const Vector3& at) {
         constexpr double kStraight = 0.7, kStraightPastAnEnd = 0.8, kClearly = 0.3;
         if (!find_ends(graph)) return std::nullopt;
-        std::vector<Arm> hung, free;
-        for (const Arm& arm : arms_) (arm.is_free ? free : hung).push_back(arm);
+        std::vector<const Arm*> hung, free;
+        for (const Arm& arm : arms_) (arm.is_free ? free : hung).push_back(&arm);
         const bool both_go_on = free.size() == 2;
+        for (std::size_t k = 0; k < hung.size(); ++k) {
+            constexpr double kBeyond = 0.4;
+            const Vector3 on = (at - hung[k]->middle).normalized();
+            beyond_[k] = {{}, at + kBeyond * radius_ * on, hung[k]->radius, true};
+        }
         const auto paired = [&](std::size_t first) {
-            Limbs limbs{Limb{hung[first], free[0]}, Limb{hung[1 - first], {}}};
-            Limb& other = limbs[1];
-            if (both_go_on) {
-                other.to = free[1];
-            } else {
-                constexpr double kBeyond = 0.4;
-                other.to.middle = at + kBeyond * radius_ * (at - other.from.middle).normalized();
-                other.to.radius = other.from.radius;
-            }
-            return limbs;
+            const std::size_t other = 1 - first;
+            return Limbs{Limb{hung[first], free[0]},
+                         Limb{hung[other], both_go_on ? free[1] : &beyond_[other]}};
         };
         const auto straightness = [&](const Limbs& limbs) {
             return std::min(limbs[0].straightness(at), limbs[1].straightness(at));
@@ -213,8 +206,8 @@ private:
         // Axes that meet would divide each limb in two: one limb passes in front of the other.
         constexpr double kApart = 0.6;  // radii
         const Vector3 across = limbs[0].axis().cross(limbs[1].axis()).normalized();
-        const double apart = 0.5 * across.dot(limbs[0].from.middle + limbs[0].to.middle -
-                                              limbs[1].from.middle - limbs[1].to.middle);
+        const double apart = 0.5 * across.dot(limbs[0].from->middle + limbs[0].to->middle -
+                                              limbs[1].from->middle - limbs[1].to->middle);
         const double radius = std::ranges::min(arms_, {}, &Arm::radius).radius;
         const double more = std::max(0.0, kApart * radius - std::abs(apart));
         const Vector3 move = (apart < 0.0 ? -0.5 : 0.5) * more * across;
@@ -225,7 +218,7 @@ private:
                 limbs[0].distance(place, move) <= limbs[1].distance(place, -move) ? 0 : 1;
         }
         for (std::size_t k = 0; k < limbs.size(); ++k)
-            for (const Arm* arm : {&limbs[k].from, &limbs[k].to})
+            for (const Arm* arm : {limbs[k].from, limbs[k].to})
                 for (const Index i : arm->rows) of_rows[to_size(i)] = static_cast<signed char>(k);
         return of_rows;
     }
@@ -237,14 +230,14 @@ private:
         for (int round = 0; round < kRounds; ++round) {
             std::vector<char> is_reached(of_rows.size(), 0);
             for (std::size_t k = 0; k < limbs.size(); ++k) {
-                std::vector<Index> reached{limbs[k].from.rows.front()};
+                std::vector<Index> reached{limbs[k].from->rows.front()};
                 is_reached[to_size(reached.front())] = 1;
                 for (std::size_t n = 0; n < reached.size(); ++n)
                     for (const Index j : graph[reached[n]])
                         if (of_rows[to_size(j)] == static_cast<signed char>(k) &&
                             std::exchange(is_reached[to_size(j)], char{1}) == 0)
                             reached.push_back(j);
-                const std::vector<Index>& end = limbs[k].to.rows;
+                const std::vector<Index>& end = limbs[k].to->rows;
                 if (!end.empty() && is_reached[to_size(end.front())] == 0) return false;
             }
             bool is_whole = true;
@@ -268,6 +261,7 @@ private:
     std::vector<State> state_;     ///< of each row
     std::vector<Index> inside_, shell_, outside_;
     std::vector<Arm> arms_;
+    std::array<Arm, 2> beyond_;  ///< where a limb that ends would go on, without rows
 };
 
 /// Drops the edges from one limb to the other.

@@ -295,30 +295,12 @@ struct LikelyPiece {
     double misfit;  ///< of the part where it lies
 };
 
-/// Where the part may lie, from the likeliest place on.
-struct LikelyPlace {
-    const PartPlace* place;
-    Cover cover;
-    double unlikely;  ///< the misfit, times how far the part's area is from what it covers
-};
-
-std::vector<LikelyPlace> likely_places(const PartOfWhole& shapes,
-                                       const std::vector<PartPlace>& places, Progress& progress) {
-    constexpr double kWorthATry = 2.0;
+/// How unlikely it is that the part lies at a place, by its misfit there and its cover.
+double unlikelihood(const PartPlace& place, const Cover& cover) {
     constexpr double kWithMargin = 1.15;  // its own areas that a half covers where it belongs
-    std::vector<LikelyPlace> likely;
-    for (const PartPlace& place : places) {
-        if (!progress.poll()) progress.throw_if_cancelled();
-        if (place.misfit > kWorthATry * places.front().misfit) break;
-        Cover cover = shapes.cover(place);
-        if (!(cover.share > 0.0)) continue;
-        // Where an arm lies on a leg, a half covers more than itself; where on nothing, less.
-        const double own = kWithMargin * place.pose.scale * place.pose.scale,
-                     times = std::max(cover.share / own, own / cover.share);
-        likely.push_back({&place, std::move(cover), place.misfit * times});
-    }
-    std::ranges::stable_sort(likely, {}, &LikelyPlace::unlikely);
-    return likely;
+    // Where an arm lies on a leg, a half covers more than itself; where on nothing, less.
+    const double own = kWithMargin * place.pose.scale * place.pose.scale;
+    return place.misfit * std::max(cover.share / own, own / cover.share);
 }
 
 /// The pieces that are worth a map, the likeliest first, each another one; all of them, or the
@@ -327,24 +309,34 @@ std::vector<LikelyPiece> likely_pieces(const PartOfWhole& shapes, const PartMark
                                        Progress& progress) {
     constexpr std::size_t kPlaces = 40;
     const std::size_t most = all ? 4 : 1;
-    constexpr double kWorthAMap = 1.6, kAsLikely = 1.1, kSame = 0.5;
+    constexpr double kWorthATry = 2.0, kWorthAMap = 1.6, kAsLikely = 1.1, kSame = 0.5;
     const std::vector<PartPlace> places =
         find_part(shapes.part(), shapes.whole(), marks, {kPlaces, !all}, progress);
-    const std::vector<LikelyPlace> likely = likely_places(shapes, places, progress);
+    std::vector<Cover> covers;                        // of each place
+    std::vector<std::pair<double, Index>> by_chance;  // places, the likeliest first
+    for (const PartPlace& place : places) {
+        if (!progress.poll()) progress.throw_if_cancelled();
+        if (place.misfit > kWorthATry * places.front().misfit) break;
+        const Cover& cover = covers.emplace_back(shapes.cover(place));
+        if (cover.share > 0.0)
+            by_chance.emplace_back(unlikelihood(place, cover), to_index(covers.size()) - 1);
+    }
+    std::ranges::sort(by_chance);
     std::vector<LikelyPiece> pieces;
-    std::vector<const Cover*> covers;
-    for (const auto& [place, cover, unlikely] : likely) {
+    std::vector<Index> taken;
+    for (const auto& [unlikely, k] : by_chance) {
         const double times = pieces.empty() ? kAsLikely : kWorthAMap;
-        if (pieces.size() == most || unlikely > times * likely.front().unlikely) break;
-        if (!cover.is_small(place->pose.scale) ||
-            std::ranges::any_of(covers, [&](const Cover* other) {
-                return overlap(other->cells, cover.cells) > kSame;
-            }))
-            continue;
-        Piece piece = shapes.piece(*place, cover);
+        if (pieces.size() == most || unlikely > times * by_chance.front().first) break;
+        const PartPlace& place = places[to_size(k)];
+        const Cover& cover = covers[to_size(k)];
+        const auto is_same = [&cover, &covers](Index other) {
+            return overlap(covers[to_size(other)].cells, cover.cells) > kSame;
+        };
+        if (!cover.is_small(place.pose.scale) || std::ranges::any_of(taken, is_same)) continue;
+        Piece piece = shapes.piece(place, cover);
         if (to_index(piece.rows.size()) < kFewestRows) continue;
-        pieces.push_back({std::move(piece), place->misfit});
-        covers.push_back(&cover);
+        pieces.push_back({std::move(piece), place.misfit});
+        taken.push_back(k);
     }
     return pieces;
 }
