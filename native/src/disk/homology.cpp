@@ -50,10 +50,8 @@ LoopClasses loop_classes(const SurfaceGraph& graph, double radius) {
     {
         std::vector<std::vector<Index>> around(cells.centers.size());
         for (Index i = 0; i < graph.size(); ++i)
-            for (auto e = to_size(graph.offsets[to_size(i)]);
-                 e < to_size(graph.offsets[to_size(i) + 1]); ++e)
-                if (const Index there = cells.of[to_size(graph.neighbors[e])];
-                    there != cells.of[to_size(i)])
+            for (const Index j : graph[i])
+                if (const Index there = cells.of[to_size(j)]; there != cells.of[to_size(i)])
                     around[to_size(cells.of[to_size(i)])].push_back(there);
         const auto once = [](std::vector<Index>& rows) {
             std::ranges::sort(rows);
