@@ -11,6 +11,7 @@
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -219,6 +220,7 @@ TEST(CrossedLimbs, HoldTogetherWhatHangsOnNothingElse) {
 }
 
 TEST(CrossedLimbs, KeepTheirFeetInAMap) {
+    SKIP_WHERE_WATCHED();
     const Figure crossed(trunk_with(kHind, kFore), 6000, 8),
         apart(trunk_with({-1.0, 0.0, -1.9}, {0.9, 0.0, -1.9}), 6000, 9);
     Progress progress;

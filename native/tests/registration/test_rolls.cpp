@@ -186,7 +186,8 @@ TEST(Rolls, AreNotToldByHowWormsAreBent) {
 }
 
 TEST(Rolls, AreToldByLegsAndByMarksAlongTheBack) {
-    const Index count = is_watched() ? 900 : 3000;
+    SKIP_WHERE_WATCHED();
+    const Index count = 3000;
     EXPECT_FALSE(has_equal_rival(
         found(coarse_worm(worm(count, 1.2, 1, 12)), coarse_worm(worm(count, 0.8, 2, 12)))));
     const Worm source = worm(count, 1.2, 1), target = worm(count, 0.8, 2);
