@@ -10,7 +10,9 @@
 #include <utility>
 
 #include "base/angle.hpp"
+#include "base/grouped.hpp"
 #include "cloud/moments.hpp"
+#include "cloud/winding_normals.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
@@ -293,6 +295,14 @@ void orient_normals(const Positions& positions, const Neighborhoods& neighborhoo
     }
     for (Index i = 0; i < count; ++i)
         if (shape_of(i).faces_inwards()) oriented.row(i) *= -1.0;
+    {
+        const Progress::Part part(progress, 0.9, 1.0);
+        const Grouped<Index> rows(count, [&](auto&& take) {
+            for (Index i = 0; i < count; ++i) take(component[to_size(i)], i);
+        });
+        for (Index root = 0; root < count; ++root)
+            orient_by_winding(positions, rows[root], oriented, progress);
+    }
     progress.report(1.0);
     normals = std::move(oriented);
 }

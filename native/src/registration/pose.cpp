@@ -432,21 +432,6 @@ bool looks_wrong(const PoseSearch& search, const Candidate& map) {
            map.torn > search.registration.most_torn;
 }
 
-/// Of maps sorted by cost, brings one to the front that leaves the shapes as they were given, if it
-/// is as good but for a little.
-void prefer_as_given(std::vector<Candidate>& finals, const CoarseShape& source,
-                     const PoseOptions& options) {
-    const double least_energy = std::ranges::min_element(finals, {}, &Candidate::energy)->energy;
-    const auto given = std::ranges::find_if(finals, [&](const Candidate& c) {
-        return c.cost <= options.as_given * finals.front().cost &&
-               c.energy <= options.as_given * least_energy &&
-               is_as_given(implied_pose(source.positions, c.registration.source_points.positions,
-                                        c.alignment),
-                           options);
-    });
-    if (given != finals.end()) std::rotate(finals.begin(), given, given + 1);
-}
-
 /// How far maps lie from `best`; `least` is what their costs are compared with.
 OtherMaps differences(const NodeImages& best, std::span<const NodeImages> maps, double least) {
     const auto count = static_cast<Eigen::Index>(maps.size());
@@ -561,7 +546,6 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     }
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
-    prefer_as_given(finals, shapes.source, options);
     add_rolled(search, finals);
     const std::vector<NodeImages> tried_images = node_images(trials);
     Alternatives alternatives = alternatives_to_first(shapes, finals, tried_images);

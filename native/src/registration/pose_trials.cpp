@@ -5,6 +5,7 @@
 #include <random>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -75,7 +76,14 @@ double dearer_by_unlikeness(const PoseSearch& search, const BothImages& images) 
     return std::pow(0.5 * (there + back) + kFloor, search.options.likeness);
 }
 
-/// A trial at its end, whose energy has been that of its misfit and sides so far.
+/// The factor by which a map's energy is larger for rotating the target from how it was given.
+double dearer_by_turning(const PoseSearch& search, const Similarity& implied_alignment) {
+    const PoseOptions& options = search.options;
+    const double angle = angle_axis(implied_alignment.rotation).angle();
+    return 1.0 + (options.as_given - 1.0) * std::min(1.0, angle / options.as_given_angle);
+}
+
+/// A trial at its end, whose energy has been all but for likeness so far.
 Trial with_likeness(const PoseSearch& search, Trial trial) {
     if (!search.counts_likeness) return trial;
     const Registration& its = trial.registration;
@@ -114,7 +122,8 @@ public:
         const Registration& its = trial.registration;
         trial.energy =
             registration_misfit(shapes_, 0, its, search_.distances, search_.registration, silent)
-                .energy();
+                .energy() *
+            dearer_by_turning(search_, implied_pose(search_, trial));
         if (!search_.has_symmetries()) return trial;
         const Positions images = alignment_.inverse().apply(its.source_points.positions);
         trial.energy *=
@@ -277,7 +286,10 @@ void rate(const PoseSearch& search, Candidate& map) {
     const Registration& its = map.registration;
     map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
                                      search.distances, search.registration, silent);
-    map.energy = map.misfit.energy();
+    map.energy =
+        map.misfit.energy() *
+        dearer_by_turning(search, implied_pose(search.source.full.positions,
+                                               its.source_points.positions, map.alignment));
     if (search.has_symmetries() || search.counts_likeness) {
         const Positions of_source = map.alignment.inverse().apply(
                             gather(its.source_points.positions, search.source.full_rows)),

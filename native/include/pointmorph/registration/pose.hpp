@@ -65,10 +65,10 @@ struct PoseOptions {
     /// With more, maps would be preferred that lay head on tail where a limb has no partner, as
     /// right maps tear there. Two maps of one pose differ less: restarts weigh tears more.
     double tear_weight = 20.0;
-    /// Maps that leave the target rotated by less than `as_given_angle` (radians) from how it was
-    /// given win where energy and cost are within `as_given` of the least ones: where shape alone
-    /// can hardly tell, the user has. 1 or more.
-    double as_given = 1.03;
+    /// Whoever gives two shapes has mostly stood them alike. So energies are multiplied by more,
+    /// the farther a map rotates the target from how it was given: by up to `as_given`, at
+    /// `as_given_angle` (radians) and beyond. 1 or more.
+    double as_given = 1.2;
     double as_given_angle = 1.0;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{.stiff_rounds = 2,
@@ -108,7 +108,7 @@ struct Candidate {
     Registration registration;  ///< of the finest level, for the target so moved
     Misfit misfit{};
     /// That of the misfit · (1 + SymmetryOptions::weight · asymmetry) · (.1 + unlikeness) to the
-    /// power of PoseOptions::likeness
+    /// power of PoseOptions::likeness · what turning the target costs, PoseOptions::as_given
     double energy = 0.0;
     double torn = 0.0;  ///< torn_share()
     double cost = 0.0;  ///< energy · (1 + PoseOptions::tear_weight · torn)
@@ -124,9 +124,8 @@ struct Pose {
     Candidate best;
     /// Other maps, distinct from the best and from one another, the best first.
     std::vector<Candidate> rivals;
-    /// Cost of the best distinct map over that of this one: near 1, the shapes fit another way
-    /// just as well; below 1 where it was preferred because the shapes were given so. Infinite
-    /// where no other was found.
+    /// Cost of the best distinct map over that of this one, 1 or more: near 1, the shapes fit
+    /// another way just as well. Infinite where no other was found.
     double margin = std::numeric_limits<double>::infinity();
     /// See pose_confidence().
     double confidence = 1.0;
