@@ -181,4 +181,29 @@ void carry_parts(const Mesh& mesh, const Mesh& rest, std::span<const Index> part
         0.0, 1.0, 1);
 }
 
+void sink_parts(const Mesh& mesh, std::span<const Index> parts, const Mesh& surface, Positions& x,
+                Progress& progress) {
+    constexpr int kSteps = 8;
+    constexpr double kBelow = 0.001;  // √area
+    const double below = kBelow * std::sqrt(surface.area());
+    const TriangleTree tree(surface.positions, surface.triangles, progress);
+    const auto of_parts = places_of_parts(mesh);
+    for (const Index part : parts)
+        for (int step = 0; step < kSteps; ++step) {
+            double most = 0.0;
+            Vector3 outward = Vector3::Zero();
+            for (const Index place : of_parts[to_size(part)]) {
+                const Vector3 at = x.row(place).transpose();
+                const SurfacePoint on = tree.closest(at);
+                const Vector3 normal = surface.normals.row(on.triangle).transpose();
+                outward += normal;
+                const Vector3 foot = place_of(on, surface.triangles, surface.positions);
+                most = std::max(most, (at - foot).dot(normal));
+            }
+            if (!(most > 0.0) || outward.isZero()) break;
+            const Eigen::RowVector3d way = (most + below) * outward.normalized().transpose();
+            for (const Index place : of_parts[to_size(part)]) x.row(place) -= way;
+        }
+}
+
 }  // namespace pointmorph

@@ -31,4 +31,9 @@ Mesh without_parts(const Mesh& mesh, std::span<const Index> parts,
 void carry_parts(const Mesh& mesh, const Mesh& rest, std::span<const Index> parts, Positions& x,
                  Progress& progress);
 
+/// Moves parts inward, each as a whole, until nothing of them is outside of `surface`, which is
+/// closed: so that they don't show where it has nothing for them.
+void sink_parts(const Mesh& mesh, std::span<const Index> parts, const Mesh& surface, Positions& x,
+                Progress& progress);
+
 }  // namespace pointmorph

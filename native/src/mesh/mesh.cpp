@@ -9,6 +9,7 @@
 
 #include "base/angle.hpp"
 #include "mesh/mesh_edges.hpp"
+#include "mesh/welding.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
@@ -20,34 +21,6 @@ using Corners = std::array<Index, 3>;
 Eigen::RowVector3d doubled_area(const Positions& p, Index a, Index b, Index c) {
     const Eigen::RowVector3d u = p.row(b) - p.row(a), v = p.row(c) - p.row(a);
     return u.cross(v);
-}
-
-/// Vertices in the order of their coordinates, for those at the very same place to be neighbors.
-void weld(const Positions& vertices, Mesh& mesh) {
-    const auto count = to_index(vertices.rows());
-    std::vector<Index> order(to_size(count));
-    std::iota(order.begin(), order.end(), 0);
-    const auto less = [&](Index i, Index j) {
-        const auto a = vertices.row(i), b = vertices.row(j);
-        return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
-    };
-    std::ranges::stable_sort(order, less);
-    std::vector<Index> first(to_size(count));  // the first vertex at the place of each
-    for (std::size_t k = 0; k < order.size(); ++k) {
-        const bool same = k > 0 && vertices.row(order[k]) == vertices.row(order[k - 1]);
-        first[to_size(order[k])] = same ? first[to_size(order[k - 1])] : order[k];
-    }
-    mesh.places.resize(to_size(count));
-    std::vector<Index> rows;  // places are numbered as their first vertices are
-    for (Index v = 0; v < count; ++v) {
-        if (first[to_size(v)] == v) {
-            mesh.places[to_size(v)] = to_index(rows.size());
-            rows.push_back(v);
-        } else {
-            mesh.places[to_size(v)] = mesh.places[to_size(first[to_size(v)])];
-        }
-    }
-    mesh.positions = mesh.unit.apply(gather(vertices, rows));
 }
 
 /// Takes the triangles of the faces, with where they come from.
@@ -343,6 +316,8 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     weld(cloud.positions, mesh);
     ask();
     take_triangles(cloud.faces, mesh);
+    ask();
+    part_what_touches(cloud.faces, mesh);
     ask();
     find_areas(mesh);
     MeshEdges edges(mesh.triangles);

@@ -516,6 +516,8 @@ Positions wrap(const Mesh& mesh, Positions start, const WrapTarget& target, cons
     Positions result =
         all_wrapped(rest, std::move(start), {trees, on_mesh}, holds, options, progress);
     carry_parts(mesh, rest, carried, result, progress);
+    if (target.mesh && target.mesh->borders.empty())
+        sink_parts(mesh, carried, *target.mesh, result, progress);
     return result;
 }
 

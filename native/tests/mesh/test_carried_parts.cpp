@@ -113,6 +113,30 @@ TEST(CarriedParts, GoWhereTheSurfaceAroundThemGoes) {
     EXPECT_EQ(again, x);
 }
 
+TEST(CarriedParts, SinkIntoWhatHasNothingForThem) {
+    const Face face;
+    const Mesh skin = make_mesh(mesh_shapes::icosphere(4));
+    // One ball half outside of the skin, the other one as it is, inside.
+    Positions x = skin.unit.apply(face.mesh.unit.restore(face.mesh.positions));
+    const Positions outside = face.places_of(1, x), inside = face.places_of(2, x);
+    const Eigen::RowVector3d out = outside.colwise().mean().normalized();
+    const double radius = skin.positions.rowwise().norm().minCoeff();
+    for (Index p = 0; p < x.rows(); ++p)
+        if (face.mesh.parts[to_size(p)] == 1) x.row(p) += 0.2 * radius * out;
+    const Positions before = face.places_of(1, x);
+    ASSERT_GT(before.rowwise().norm().maxCoeff(), 1.05 * radius);
+    Progress progress;
+    sink_parts(face.mesh, std::vector<Index>{1, 2}, skin, x, progress);
+    const Positions after = face.places_of(1, x);
+    EXPECT_LT(after.rowwise().norm().maxCoeff(), radius);
+    EXPECT_GT(after.rowwise().norm().maxCoeff(), 0.97 * radius);
+    EXPECT_LT(((after.rowwise() - after.row(0)) - (before.rowwise() - before.row(0)))
+                  .cwiseAbs()
+                  .maxCoeff(),
+              1e-12);
+    EXPECT_EQ(face.places_of(2, x), inside);
+}
+
 TEST(CarriedParts, KeepTheirShapeOnATargetOfOneSkin) {
     const Face face;
     const auto stretched = [](Positions x) {

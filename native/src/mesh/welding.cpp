@@ -1,0 +1,209 @@
+#include "mesh/welding.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <numbers>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "base/angle.hpp"
+#include "mesh/mesh_edges.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Vertices that are one, by the lowest of them.
+class Classes {
+public:
+    explicit Classes(std::size_t count) : parents_(count) {
+        std::iota(parents_.begin(), parents_.end(), 0);
+    }
+    Index root(Index i) {
+        while (parents_[to_size(i)] != i) {
+            parents_[to_size(i)] = parents_[to_size(parents_[to_size(i)])];
+            i = parents_[to_size(i)];
+        }
+        return i;
+    }
+    void join(Index i, Index j) {
+        const auto [low, high] = std::minmax({root(i), root(j)});
+        parents_[to_size(high)] = low;
+    }
+
+private:
+    std::vector<Index> parents_;
+};
+
+using Side = MeshEdges::Side;
+
+/// Joins the corners of triangles at edges.
+class Seams {
+public:
+    Seams(const Mesh& mesh, Classes& vertices) : mesh_(mesh), vertices_(vertices) {}
+
+    void close(std::span<const Side> sides) {
+        if (sides.size() < 2) return;
+        if (sides.size() == 2) {
+            join(sides[0], sides[1]);
+            return;
+        }
+        // Those with no other triangle at the same two vertices.
+        alone_.clear();
+        for (const Side& side : sides)
+            if (std::ranges::count(sides, ends(side), [&](const Side& s) { return ends(s); }) == 1)
+                alone_.push_back(side);
+        if (alone_.size() == 2)
+            join(alone_[0], alone_[1]);
+        else
+            join_around_insides();
+    }
+
+private:
+    Index vertex(const Side& side, Index k) const {
+        return mesh_.vertices(side.triangle, (side.k + k) % 3);
+    }
+    std::array<Index, 2> ends(const Side& side) const {
+        const auto [low, high] = std::minmax({vertex(side, 0), vertex(side, 1)});
+        return {low, high};
+    }
+
+    void join(const Side& one, const Side& other) {
+        const bool agree = start_of(mesh_.triangles, one) != start_of(mesh_.triangles, other);
+        vertices_.join(vertex(one, 0), vertex(other, agree ? 1 : 0));
+        vertices_.join(vertex(one, 1), vertex(other, agree ? 0 : 1));
+    }
+
+    /// From one triangle through the inside, which is behind it, to the other: over 0 to 2π.
+    /// Triangles that lie on each other have nothing between them.
+    double angle_behind(const Side& one, const Side& other) const {
+        const auto corner = [&](const Side& side, Index k) -> Vector3 {
+            return mesh_.positions.row(mesh_.triangles(side.triangle, (side.k + k) % 3))
+                .transpose();
+        };
+        const Vector3 along = (corner(one, 1) - corner(one, 0)).normalized();
+        const auto across = [&](const Side& side) -> Vector3 {
+            const Vector3 to = corner(side, 2) - corner(one, 0);
+            return (to - to.dot(along) * along).normalized();
+        };
+        const Vector3 from = across(one), to = across(other);
+        const double sine = -along.dot(from.cross(to)), cosine = from.dot(to);
+        constexpr double kOnEachOther = 1e-6;
+        const double angle = angle_of(std::abs(sine), cosine);
+        if (angle < kOnEachOther || sine < 0.0) return 2.0 * std::numbers::pi - angle;
+        return angle;
+    }
+
+    /// Nothing where the triangles can't all be paired, each with one that runs the other way.
+    void join_around_insides() {
+        std::vector<std::pair<Side, Side>> pairs;
+        std::vector<char> is_taken(alone_.size(), 0);
+        for (std::size_t i = 0; i < alone_.size(); ++i) {
+            const Index start = start_of(mesh_.triangles, alone_[i]);
+            if (start != start_of(mesh_.triangles, alone_[0])) continue;
+            std::optional<std::size_t> best;
+            double least = 0.0;
+            for (std::size_t j = 0; j < alone_.size(); ++j) {
+                if (start_of(mesh_.triangles, alone_[j]) == start) continue;
+                const double angle = angle_behind(alone_[i], alone_[j]);
+                if (!best || angle < least) {
+                    best = j;
+                    least = angle;
+                }
+            }
+            if (!best || std::exchange(is_taken[*best], 1)) return;
+            pairs.emplace_back(alone_[i], alone_[*best]);
+        }
+        if (2 * pairs.size() != alone_.size()) return;
+        for (const auto& [one, other] : pairs) join(one, other);
+    }
+
+    const Mesh& mesh_;
+    Classes& vertices_;
+    std::vector<Side> alone_;
+};
+
+/// Joins vertices that no triangle has to those that stand for them.
+void take_unused(const Polygons& faces, const Mesh& mesh, Classes& vertices) {
+    std::vector<char> is_used(mesh.places.size(), 0);
+    for (Index c = 0; c < mesh.vertices.size(); ++c)
+        is_used[to_size(mesh.vertices(c / 3, c % 3))] = 1;
+    for (Index f = 0; f < faces.size(); ++f)
+        for (const Index vertex : faces[f]) {
+            if (is_used[to_size(vertex)]) continue;
+            const auto other = std::ranges::find_if(faces[f], [&](Index v) {
+                return is_used[to_size(v)] &&
+                       mesh.places[to_size(v)] == mesh.places[to_size(vertex)];
+            });
+            if (other == faces[f].end()) continue;
+            vertices.join(vertex, *other);
+            is_used[to_size(vertex)] = 1;
+        }
+    std::vector<Index> first(to_size(mesh.positions.rows()), -1);
+    for (const bool used : {true, false})
+        for (std::size_t v = 0; v < is_used.size(); ++v)
+            if (Index& one = first[to_size(mesh.places[v])]; (is_used[v] != 0) == used && one < 0)
+                one = to_index(v);
+    for (std::size_t v = 0; v < is_used.size(); ++v)
+        if (!is_used[v]) vertices.join(to_index(v), first[to_size(mesh.places[v])]);
+}
+
+}  // namespace
+
+void weld(const Positions& vertices, Mesh& mesh) {
+    const auto count = to_index(vertices.rows());
+    std::vector<Index> order(to_size(count));
+    std::iota(order.begin(), order.end(), 0);
+    const auto less = [&](Index i, Index j) {
+        const auto a = vertices.row(i), b = vertices.row(j);
+        return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+    };
+    std::ranges::stable_sort(order, less);
+    std::vector<Index> first(to_size(count));  // the first vertex at the place of each
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        const bool same = k > 0 && vertices.row(order[k]) == vertices.row(order[k - 1]);
+        first[to_size(order[k])] = same ? first[to_size(order[k - 1])] : order[k];
+    }
+    mesh.places.resize(to_size(count));
+    std::vector<Index> rows;  // places are numbered as their first vertices are
+    for (Index v = 0; v < count; ++v) {
+        if (first[to_size(v)] == v) {
+            mesh.places[to_size(v)] = to_index(rows.size());
+            rows.push_back(v);
+        } else {
+            mesh.places[to_size(v)] = mesh.places[to_size(first[to_size(v)])];
+        }
+    }
+    mesh.positions = mesh.unit.apply(gather(vertices, rows));
+}
+
+void part_what_touches(const Polygons& faces, Mesh& mesh) {
+    if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return;
+    Classes vertices(mesh.places.size());
+    const MeshEdges edges(mesh.triangles);
+    Seams seams(mesh, vertices);
+    for (Index e = 0; e < edges.size(); ++e) seams.close(edges[e]);
+    take_unused(faces, mesh, vertices);
+
+    std::vector<Index> spots, places(mesh.places.size());
+    for (Index v = 0; v < to_index(places.size()); ++v) {
+        const Index root = vertices.root(v);
+        if (root == v) {
+            places[to_size(v)] = to_index(spots.size());
+            spots.push_back(mesh.places[to_size(v)]);
+        } else {
+            places[to_size(v)] = places[to_size(root)];
+        }
+    }
+    if (to_index(spots.size()) == to_index(mesh.positions.rows())) return;
+    mesh.positions = gather(mesh.positions, spots);
+    mesh.places = std::move(places);
+    for (Index c = 0; c < mesh.triangles.size(); ++c)
+        mesh.triangles(c / 3, c % 3) = mesh.places[to_size(mesh.vertices(c / 3, c % 3))];
+}
+
+}  // namespace pointmorph

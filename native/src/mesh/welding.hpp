@@ -1,0 +1,20 @@
+// Which vertices of a mesh share a place: those along seams do, and those of parts that only touch
+// don't. Not for callers of the library.
+#pragma once
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/mesh/mesh.hpp"
+
+namespace pointmorph {
+
+/// Gives each vertex a place, in the order of the vertices: one for all at the very same spot.
+void weld(const Positions& vertices, Mesh& mesh);
+
+/// Gives vertices at one spot places of their own again where no edge joins the faces around them.
+/// `mesh` is that of weld() with triangles. Edges join the two triangles that a vertex pair has, or
+/// two that have nothing else there; of more that have nothing else, those that enclose an inside
+/// between them. Vertices without triangles go with another corner of their face there, or else
+/// with the first vertex at the spot.
+void part_what_touches(const Polygons& faces, Mesh& mesh);
+
+}  // namespace pointmorph

@@ -1,0 +1,139 @@
+#include "mesh/welding.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "mesh/mesh_edges.hpp"
+#include "mesh_shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+Cloud shifted(Cloud cloud, const Vector3& by) {
+    return mesh_shapes::moved(std::move(cloud), Matrix3::Identity(), by);
+}
+
+/// Only the faces whose middle passes.
+template <class Which>
+Cloud some_of(const Cloud& cloud, Which&& which) {
+    Cloud result = cloud;
+    result.faces = {};
+    for (Index f = 0; f < cloud.faces.size(); ++f) {
+        Vector3 middle = Vector3::Zero();
+        for (const Index corner : cloud.faces[f])
+            middle += cloud.positions.row(corner).transpose() /
+                      static_cast<double>(cloud.faces[f].size());
+        if (which(middle))
+            mesh_shapes::add_face(result.faces, {cloud.faces[f].begin(), cloud.faces[f].end()});
+    }
+    return result;
+}
+
+Index most_faces_at_an_edge(const Mesh& mesh) {
+    const MeshEdges edges(mesh.triangles);
+    std::size_t most = 0;
+    for (Index e = 0; e < edges.size(); ++e) most = std::max(most, edges[e].size());
+    return to_index(most);
+}
+
+/// That of the spot where each vertex lies, whatever is connected.
+void expect_at_home(const Mesh& mesh, const Cloud& cloud) {
+    const Positions there = mesh.unit.restore(gather(mesh.positions, mesh.places));
+    EXPECT_LT((there - cloud.positions).cwiseAbs().maxCoeff(), 1e-12);
+}
+
+TEST(Welding, CubesThatTouchStayTwoWhateverTheirVertices) {
+    // At a corner, along an edge, and with a whole face.
+    for (const Vector3& by : {Vector3(2, 2, 2), Vector3(2, 2, 0), Vector3(2, 0, 0)}) {
+        const Cloud both =
+            mesh_shapes::together(mesh_shapes::cube(), shifted(mesh_shapes::cube(), by));
+        for (const Cloud& cloud : {both, mesh_shapes::split(both)}) {
+            const Mesh mesh = make_mesh(cloud);
+            EXPECT_EQ(mesh.positions.rows(), 16);
+            EXPECT_EQ(mesh.part_areas.size(), 2);
+            EXPECT_TRUE(mesh.borders.empty());
+            EXPECT_EQ(most_faces_at_an_edge(mesh), 2);
+            expect_at_home(mesh, cloud);
+        }
+    }
+}
+
+TEST(Welding, AnEyeThatTouchesItsSocketStaysAPart) {
+    // A head with a hole, and a lens that has one vertex of the hole's border.
+    const Cloud head =
+        some_of(mesh_shapes::icosphere(3), [](const Vector3& p) { return p.z() < 0.9; });
+    const Mesh alone = make_mesh(head);
+    ASSERT_EQ(alone.borders.size(), 1u);
+    const Vector3 touch = alone.unit.restore(alone.positions).row(alone.borders[0][0]).transpose();
+    Cloud eye = shifted(mesh_shapes::grid(4), touch - Vector3(-1, -1, 0));
+    eye.positions.row(0) = touch.transpose();
+    const Cloud both = mesh_shapes::together(head, eye);
+    for (const Cloud& cloud : {both, mesh_shapes::split(both)}) {
+        const Mesh mesh = make_mesh(cloud);
+        EXPECT_EQ(mesh.part_areas.size(), 2);
+        EXPECT_EQ(mesh.borders.size(), 2u);
+        expect_at_home(mesh, cloud);
+    }
+}
+
+TEST(Welding, ClosesSeamsOfHalvesAndTiles) {
+    const auto up = [](const Vector3& p) { return p.z() > 0.0; };
+    const auto down = [&](const Vector3& p) { return !up(p); };
+    const Cloud ball = mesh_shapes::icosphere(3);
+    const Mesh halves = make_mesh(mesh_shapes::together(some_of(ball, up), some_of(ball, down)));
+    EXPECT_EQ(halves.part_areas.size(), 1);
+    EXPECT_TRUE(halves.borders.empty());
+    const Mesh tiles = make_mesh(
+        mesh_shapes::together(mesh_shapes::grid(4), shifted(mesh_shapes::grid(4), {2, 0, 0})));
+    EXPECT_EQ(tiles.part_areas.size(), 1);
+    EXPECT_EQ(tiles.borders.size(), 1u);
+    EXPECT_EQ(tiles.positions.rows(), 9 * 5);
+}
+
+TEST(Welding, WeldsSplitFacesThatDontAgree) {
+    const Cloud cloud = mesh_shapes::split(
+        mesh_shapes::reversed(mesh_shapes::icosphere(2), [](Index f) { return f % 3 == 0; }));
+    const Mesh mesh = make_mesh(cloud);
+    EXPECT_EQ(mesh.part_areas.size(), 1);
+    EXPECT_EQ(mesh.positions.rows(), 162);
+    EXPECT_TRUE(mesh.borders.empty());
+}
+
+TEST(Welding, PartsSheetsThatMeetAlongALineOfThree) {
+    const Matrix3 upright = Eigen::AngleAxisd(0.5 * EIGEN_PI, Vector3::UnitY()).toRotationMatrix();
+    Cloud wall = mesh_shapes::moved(mesh_shapes::grid(3), upright, {1, 0, 1});
+    wall.positions = wall.positions.unaryExpr(  // the same spots to the bit
+        [](double x) { return std::round(3.0 * x) / 3.0; });
+    Cloud floor =
+        mesh_shapes::together(mesh_shapes::grid(3), shifted(mesh_shapes::grid(3), {2, 0, 0}));
+    floor.positions = floor.positions.unaryExpr([](double x) { return std::round(3.0 * x) / 3.0; });
+    EXPECT_EQ(make_mesh(floor).part_areas.size(), 1);
+    const Mesh mesh = make_mesh(mesh_shapes::together(floor, wall));
+    EXPECT_EQ(most_faces_at_an_edge(mesh), 2);
+    EXPECT_EQ(mesh.part_areas.size(), 3);
+}
+
+TEST(Welding, KeepsWhatAVertexOfItsOwnJoins) {
+    Cloud both =
+        mesh_shapes::together(mesh_shapes::cube(), shifted(mesh_shapes::cube(), {2, 2, 2}));
+    std::ranges::replace(both.faces.corners, 8, 7);  // the corner that they share
+    const Mesh mesh = make_mesh(both);
+    EXPECT_EQ(mesh.part_areas.size(), 1);
+    EXPECT_EQ(mesh.places[7], mesh.places[8]);  // without faces
+}
+
+TEST(Welding, ChangesNothingWhereNothingTouches) {
+    Mesh mesh;
+    const Cloud cloud = mesh_shapes::split(mesh_shapes::icosphere(1));
+    mesh.unit = normalization(cloud.positions);
+    weld(cloud.positions, mesh);
+    const Mesh whole = make_mesh(cloud);
+    EXPECT_EQ(mesh.places, whole.places);
+    EXPECT_EQ(mesh.positions, whole.positions);
+}
+
+}  // namespace
+}  // namespace pointmorph
