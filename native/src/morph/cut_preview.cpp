@@ -26,8 +26,10 @@ CutPreview preview_cut(const Cloud& cloud, std::span<const Index> loop,
     const auto mesh = mesh_side(cloud, features, &Feature::source, options, progress);
     const Cloud samples = mesh ? mesh->sampled(cloud) : Cloud{};
     const MeshSamples of_faces = mesh ? mesh->samples() : MeshSamples{};
+    const std::vector<PartCounts> counts =
+        mesh ? count_parts(mesh->mesh()) : std::vector<PartCounts>{};
     const PreparedShape shape =
-        prepare({mesh ? samples : cloud, of_faces.parts}, preparation(options), progress);
+        prepare({mesh ? samples : cloud, of_faces.parts, counts}, preparation(options), progress);
     progress.enter("boundary");
     require_closed(Closed::kLoop, shape, of_faces.border, options.boundary, progress);
 

@@ -272,10 +272,8 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph*
     } else {
         sampled = input;
     }
-    state->shapes =
-        prepare_both({sampled.source, sampled.source_parts}, {sampled.target, sampled.target_parts},
-                     preparation(options), progress);
-    for (std::string& words : preparation_warnings(state->shapes))
+    state->shapes = prepare_both(sampled, preparation(options), progress);
+    for (std::string& words : preparation_warnings(state->shapes, true))
         state->warnings.push_back(std::move(words));
     const RefinementStart start = *earlier_map(state->shapes, sampled);
     state->source = std::move(sampled.source);

@@ -15,9 +15,7 @@ std::vector<std::string> suggest_loop(const MorphInput& given, const MorphOption
     check_shapes(given, options);
     check_start(given.start, given.source, given.target);
     const MorphInput input = sampled_input(given, mesh_sides(given, options, progress));
-    const PreparedShapes shapes =
-        prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
-                     preparation(options), progress);
+    const PreparedShapes shapes = prepare_both(input, preparation(options), progress);
     require_closed(Closed::kLoop, shapes, input, options, progress);
     progress.enter("decomposition");
     const std::vector<Feature> features =

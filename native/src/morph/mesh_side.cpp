@@ -211,22 +211,25 @@ MorphInput sampled_input(const MorphInput& input, const MeshSides& sides) {
                       .start = input.start,
                       .source_parts = input.source_parts,
                       .target_parts = input.target_parts,
+                      .source_counts = input.source_counts,
+                      .target_counts = input.target_counts,
                       .more_loops = input.more_loops};
     for (Feature& feature : result.features) {
         if (sides.source) feature.source = sides.source->sampled(feature, feature.source);
         if (sides.target) feature.target = sides.target->sampled(feature, feature.target);
     }
     const auto take = [](const MeshSide& side, BoundaryLoop& boundary, Parts& parts,
-                         Positions& start) {
+                         std::vector<PartCounts>& counts, Positions& start) {
         boundary = side.samples().border;
         parts = side.samples().parts;
+        counts = count_parts(side.mesh());
         if (start.rows() > 0) start = side.sampled(start);
     };
     if (sides.source)
-        take(*sides.source, result.source_boundary, result.source_parts,
+        take(*sides.source, result.source_boundary, result.source_parts, result.source_counts,
              result.start.source_images);
     if (sides.target)
-        take(*sides.target, result.target_boundary, result.target_parts,
+        take(*sides.target, result.target_boundary, result.target_parts, result.target_counts,
              result.start.target_images);
     return result;
 }

@@ -187,10 +187,8 @@ void Morph::find_map(MorphInput input, FoundOn rows, Progress& progress) {
     keep_unused_memory(input.source.size() + input.target.size());
     const bool paper = options_.method == Method::kPaper;
     const MorphOptions& options = options_;
-    PreparedShapes shapes =
-        prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
-                     preparation(options), progress);
-    append(report_.warnings, preparation_warnings(shapes));
+    PreparedShapes shapes = prepare_both(input, preparation(options), progress);
+    append(report_.warnings, preparation_warnings(shapes, !paper));
     const std::vector<Feature> features =
         canonical(input.features, shapes.source.sorted_rows, shapes.target.sorted_rows);
     check_places(features, shapes.source, shapes.target);

@@ -24,9 +24,7 @@ NamedNetwork preview_network(const MorphInput& given, const MorphOptions& given_
     if (options.method == Method::kPaper) check_for_paper(given.features);
     const MeshSides meshes = mesh_sides(given, options, progress);
     const MorphInput input = sampled_input(given, meshes);
-    const PreparedShapes shapes =
-        prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
-                     preparation(options), progress);
+    const PreparedShapes shapes = prepare_both(input, preparation(options), progress);
     const auto& [source, target] = shapes;
     require_closed(Closed::kNetwork, shapes, input, options, progress);
     const std::vector<Feature> features =

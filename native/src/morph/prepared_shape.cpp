@@ -185,7 +185,8 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
     parallel_invoke(count, progress, [&](int k, Progress& its) {
         PreparedShape& shape = shapes[to_size(k)];
         find_radii(shape);
-        shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
+        const ShapeInput& input = inputs[to_size(k)];
+        shape = with_topology(std::move(shape), {input.parts, input.counts}, options.boundary,
                               options.topology, its);
         make_outward(shape);
     });
@@ -195,9 +196,11 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
 
 }  // namespace
 
-PreparedShapes prepare_both(const ShapeInput& source, const ShapeInput& target,
-                            const PreparationOptions& options, Progress& progress) {
-    const std::array<ShapeInput, 2> inputs{source, target};
+PreparedShapes prepare_both(const MorphInput& input, const PreparationOptions& options,
+                            Progress& progress) {
+    const std::array<ShapeInput, 2> inputs{
+        {{input.source, input.source_parts, input.source_counts},
+         {input.target, input.target_parts, input.target_counts}}};
     std::vector<PreparedShape> shapes = prepare_all(inputs, options, progress);
     return {std::move(shapes[0]), std::move(shapes[1])};
 }
@@ -207,14 +210,16 @@ PreparedShape prepare(const ShapeInput& input, const PreparationOptions& options
     return std::move(prepare_all({&input, 1}, options, progress).front());
 }
 
-PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
+PreparedShape with_topology(PreparedShape shape, const KnownParts& parts,
                             const BoundaryOptions& boundary, const TopologyOptions& options,
                             Progress& progress) {
     find_loops(shape, boundary, progress);
     std::vector<Index> sorted_parts;
-    if (!parts.empty())
-        for (const Index given : shape.given_rows) sorted_parts.push_back(parts[to_size(given)]);
-    shape.topology = find_topology(shape.surface(), *shape.loops, sorted_parts, options, progress);
+    if (!parts.labels.empty())
+        for (const Index given : shape.given_rows)
+            sorted_parts.push_back(parts.labels[to_size(given)]);
+    shape.topology = find_topology(shape.surface(), *shape.loops, {sorted_parts, parts.counts},
+                                   options, progress);
     return shape;
 }
 

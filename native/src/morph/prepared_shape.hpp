@@ -13,6 +13,7 @@
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
+#include "pointmorph/morph/morph_input.hpp"
 #include "pointmorph/surface/boundary.hpp"
 #include "pointmorph/surface/pairing.hpp"
 #include "pointmorph/surface/sampled_surface.hpp"
@@ -30,10 +31,12 @@ struct PreparationOptions {
     bool keep_trees = false;  ///< for PreparedShape::tree(), which otherwise builds one
 };
 
-/// The cloud is valid; see validate(). `parts` say which of its points are connected; empty: found.
+/// The cloud is valid; see validate(). `parts` say which of its points are connected, and
+/// `counts` what is known of each part; empty: found.
 struct ShapeInput {
     const Cloud& cloud;
     std::span<const Index> parts{};
+    std::span<const PartCounts> counts{};
 };
 
 /// Normalized and in spatial order, so that the order of the given rows doesn't matter. A *given
@@ -76,11 +79,11 @@ struct PreparedShapes {
 };
 
 /// Both, stage by stage.
-PreparedShapes prepare_both(const ShapeInput& source, const ShapeInput& target,
-                            const PreparationOptions& options, Progress& progress);
+PreparedShapes prepare_both(const MorphInput& input, const PreparationOptions& options,
+                            Progress& progress);
 
-/// The shape with its topology looked at again.
-PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
+/// The shape with its topology looked at again. `parts` of given rows.
+PreparedShape with_topology(PreparedShape shape, const KnownParts& parts,
                             const BoundaryOptions& boundary, const TopologyOptions& options,
                             Progress& progress);
 

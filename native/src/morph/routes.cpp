@@ -140,8 +140,9 @@ PreparedShapes looked_at_closely(PreparedShapes shapes, const MorphInput& input,
     progress.enter("topology");
     on_both(progress, [&](bool is_source, Progress& p) {
         PreparedShape& shape = is_source ? shapes.source : shapes.target;
-        shape = with_topology(std::move(shape), is_source ? input.source_parts : input.target_parts,
-                              options.boundary, options.topology, p);
+        const KnownParts parts{is_source ? input.source_parts : input.target_parts,
+                               is_source ? input.source_counts : input.target_counts};
+        shape = with_topology(std::move(shape), parts, options.boundary, options.topology, p);
     });
     return shapes;
 }

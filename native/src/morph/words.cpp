@@ -69,7 +69,7 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
 
 }  // namespace
 
-std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
+std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool by_pieces) {
     std::vector<std::string> warnings;
     for (const PreparedShape* shape : {&shapes.source, &shapes.target})
         if (shape->normals_reversed)
@@ -81,6 +81,9 @@ std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
                 shape->name + ": " + std::to_string(shape->left_out) +
                 (shape->left_out == 1 ? " stray point follows" : " stray points follow") +
                 " the nearest other point.");
+    if (by_pieces &&
+        std::max(shapes.source.topology.main().size(), shapes.target.topology.main().size()) > 1)
+        return warnings;
     const std::string difference = difference_in_words(shapes.source.topology, shapes.source.name,
                                                        shapes.target.topology, shapes.target.name);
     if (!difference.empty()) warnings.push_back(difference);

@@ -12,8 +12,9 @@
 
 namespace pointmorph {
 
-/// What preparing the shapes changed or found: inward normals, strays, different topologies.
-std::vector<std::string> preparation_warnings(const PreparedShapes& shapes);
+/// What preparing the shapes changed or found: inward normals, strays, different topologies; these
+/// not of shapes of several pieces if it is told `by_pieces`, once it is known which belong together.
+std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool by_pieces);
 
 /// Of features that method paper can't keep to; empty where there are none.
 std::vector<std::string> paper_warnings(std::span<const Feature> features);

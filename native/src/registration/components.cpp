@@ -446,6 +446,30 @@ ComponentGroups group_components(const ComponentView& source, const ComponentVie
     return groups;
 }
 
+namespace {
+
+/// Of pieces that can't go onto their counterparts without tears or folds; empty if all can.
+std::string differences_in_words(const ComponentMatching& matching, const NamedTopology& source,
+                                 const NamedTopology& target) {
+    const auto component = [](const NamedTopology& shape, Index number) -> const Component& {
+        return shape.topology.components[to_size(number)];
+    };
+    Index count = 0;
+    std::string first;
+    for (const IndexPair& pair : matching.matched) {
+        const Component &s = component(source, pair.source), &t = component(target, pair.target);
+        if (!differ(s, t) || count++ > 0) continue;
+        first = counted(s.points, "point", "points") + " of " + source.name + ", " + in_words(s) +
+                ", and " + std::to_string(t.points) + " of " + target.name + ", " + in_words(t);
+    }
+    if (count == 0) return "";
+    return (count == 1 ? "A piece isn't like its counterpart ("
+                       : std::to_string(count) + " pieces aren't like their counterparts (first ") +
+           first + "): there the surface tears or folds during the morph.";
+}
+
+}  // namespace
+
 std::vector<std::string> components_in_words(const ComponentMatching& matching,
                                              const ComponentGroups& groups,
                                              const NamedTopology& source,
@@ -463,6 +487,8 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
                         " and " + target.name +
                         " were matched by position, size and shape: " + list + ".");
     }
+    const std::string difference = differences_in_words(matching, source, target);
+    if (!difference.empty()) words.push_back(difference);
     const auto alone = [&](std::span<const Index> components, const NamedTopology& shape,
                            const char* one, const char* more) {
         if (components.empty()) return;

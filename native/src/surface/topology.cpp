@@ -364,14 +364,56 @@ std::string holes_in_words(const Component& component) {
     return " with " + std::to_string(holes) + (holes == 1 ? " hole" : " holes");
 }
 
-std::string in_words(const Component& component, bool plural = false) {
+/// Of each component what faces say of it: nothing where they say nothing sure, or where it has
+/// points of several parts.
+std::vector<const PartCounts*> counted(const Topology& topology, const KnownParts& parts) {
+    std::vector<const PartCounts*> result(topology.components.size(), nullptr);
+    if (parts.counts.empty()) return result;
+    std::vector<Index> part(result.size(), -1);
+    for (std::size_t i = 0; i < topology.labels.size(); ++i) {
+        const std::size_t component = to_size(topology.labels[i]);
+        const PartCounts& counts = parts.counts[to_size(parts.labels[i])];
+        const bool is_first = part[component] < 0;
+        if (is_first && counts.is_surface) result[component] = &counts;
+        if (!is_first && part[component] != parts.labels[i]) result[component] = nullptr;
+        part[component] = parts.labels[i];
+    }
+    return result;
+}
+
+/// What tells of components of which faces say nothing sure.
+struct Sampled {
+    const SampledSurface& surface;
+    std::span<const BoundaryLoop> loops;
+    std::span<const Index> labels;
+    Index cells;
+
+    /// Fills in component `number`, from `rows` of it.
+    void look_at(Component& component, Index number, std::span<const Index> rows,
+                 Progress& progress) const {
+        const Sample sample(surface, rows, progress);
+        std::vector<std::vector<Index>> borders;
+        for (const BoundaryLoop& loop : loops) {
+            if (labels[to_size(loop.front())] != number) continue;
+            component.is_open |= is_rim(loop_length(surface.positions, loop), sample.area);
+            std::vector<Index>& border = borders.emplace_back();
+            for (const Index i : loop)
+                border.push_back(nearest_on_sheet(
+                    sample.tree, sample.normals, surface.positions.row(i), surface.normals.row(i)));
+        }
+        component.borders = to_index(borders.size());
+        component.genus = genus_of(sample, borders, cells, progress);
+    }
+};
+
+}  // namespace
+
+std::string in_words(const Component& component, bool plural) {
     std::string words = with_article(component, plural);
     if (!component.is_open || !component.genus || *component.genus > 0)
         words += (component.genus ? " of genus " : ", genus ") + genus_in_words(component);
     return words + holes_in_words(component);
 }
-
-}  // namespace
 
 bool is_rim(double length, double area) {
     // 4π for a flat disk, 2π for half a sphere, and less the more of a sphere is there.
@@ -380,37 +422,34 @@ bool is_rim(double length, double area) {
 }
 
 Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLoop> loops,
-                       std::span<const Index> parts, const TopologyOptions& options,
+                       const KnownParts& parts, const TopologyOptions& options,
                        Progress& progress) {
     const Positions& positions = surface.positions;
     const std::vector<Index> first = without_twins(positions, surface.nearest);
     const Values spacing = local_spacing(positions, surface.nearest);
     Topology result;
-    result.labels =
-        parts.empty() ? found_parts(surface, spacing, first) : joined_parts(parts, first);
+    result.labels = parts.labels.empty() ? found_parts(surface, spacing, first)
+                                         : joined_parts(parts.labels, first);
     const auto components = [&] { return 1 + *std::ranges::max_element(result.labels); };
-    if (parts.empty() && components() > 1)
+    if (parts.labels.empty() && components() > 1)
         absorb_crumbs(result.labels, positions, surface.nearest, spacing);
     result.components.resize(to_size(components()));
     for (const Index label : result.labels) ++result.components[to_size(label)].points;
     if (result.components.size() > 1) move_strays_last(result, spacing, options.smallest_share);
 
     const auto count = to_index(result.components.size());
+    const std::vector<const PartCounts*> known = counted(result, parts);
     for (Index c = 0; c < count - result.strays; ++c) {
         Component& component = result.components[to_size(c)];
-        const std::vector<Index> rows = sampled_rows(result.labels, first, c, options.points);
-        const Sample sample(surface, rows, progress);
-        std::vector<std::vector<Index>> borders;
-        for (const BoundaryLoop& loop : loops) {
-            if (result.labels[to_size(loop.front())] != c) continue;
-            component.is_open |= is_rim(loop_length(positions, loop), sample.area);
-            std::vector<Index>& border = borders.emplace_back();
-            for (const Index i : loop)
-                border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
-                                                  surface.normals.row(i)));
+        if (const PartCounts* counts = known[to_size(c)]) {
+            component.borders = counts->borders;
+            component.is_open = is_rim(counts->longest_border, counts->area);
+            component.genus = counts->genus;
+        } else {
+            const Sampled sampled{surface, loops, result.labels, options.cells};
+            sampled.look_at(component, c, sampled_rows(result.labels, first, c, options.points),
+                            progress);
         }
-        component.borders = to_index(borders.size());
-        component.genus = genus_of(sample, borders, options.cells, progress);
         progress.report(static_cast<double>(c + 1) / count);
     }
     return result;
@@ -444,12 +483,19 @@ std::string in_words(const Topology& topology) {
     return words + ")" + strays;
 }
 
+bool differ(const Component& source, const Component& target) {
+    const bool handles = source.genus && target.genus && *source.genus != *target.genus;
+    return source.is_open != target.is_open || handles;
+}
+
 std::string difference_in_words(const Topology& source, const std::string& source_name,
                                 const Topology& target, const std::string& target_name) {
     const Component &s = source.components.front(), &t = target.components.front();
-    const bool handles = s.genus && t.genus && *s.genus != *t.genus;
-    if (s.is_open == t.is_open && !handles) return "";
-    return source_name + " is " + in_words(s) + " and " + target_name + " " + in_words(t) +
+    if (!differ(s, t)) return "";
+    const bool are_whole = source.main().size() == 1 && target.main().size() == 1;
+    const std::string one = are_whole ? "" : "the largest piece of ";
+    return (are_whole ? "" : "The largest piece of ") + source_name + " is " + in_words(s) +
+           " and " + one + target_name + " " + in_words(t) +
            ": where they differ, the surface tears or folds during the morph.";
 }
 

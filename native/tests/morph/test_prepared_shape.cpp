@@ -78,7 +78,7 @@ TEST(PreparedShape, DoesNotDependOnTheOrderOfTheGivenRows) {
 TEST(PreparedShape, BothAreAsEachAlone) {
     const Cloud source = ball(600), target = ball(700);
     Progress progress;
-    const PreparedShapes both = prepare_both({source}, {target}, {}, progress);
+    const PreparedShapes both = prepare_both({.source = source, .target = target}, {}, progress);
     EXPECT_EQ(both.source.normals, prepared(source).normals);
     EXPECT_EQ(both.target.normals, prepared(target).normals);
     EXPECT_EQ(both.target.nearest.indices, prepared(target).nearest.indices);

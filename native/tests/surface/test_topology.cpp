@@ -19,7 +19,7 @@ Topology topology_of(const Positions& positions, std::vector<Index> parts = {}) 
     Normals normals = covariance_analysis(positions, nearest, progress).normals;
     orient_normals(positions, nearest, normals, progress);
     const auto loops = find_boundary_loops(positions, normals, nearest, {}, progress);
-    return find_topology({positions, normals, nearest}, loops, parts, {}, progress);
+    return find_topology({positions, normals, nearest}, loops, {parts}, {}, progress);
 }
 
 using shapes::together;

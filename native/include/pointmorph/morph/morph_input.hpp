@@ -31,6 +31,8 @@ struct MorphInput {
     /// uses them; see refine().
     RefinementStart start{};
     Parts source_parts{}, target_parts{};  ///< what is connected, from the faces; empty: found
+    /// What is known of each part, from the faces; empty: found.
+    std::vector<PartCounts> source_counts{}, target_counts{};
     VertexHolds source_holds{}, target_holds{};
     /// When the source's points go, 0 to 1, one a point, or none; see StaggerKind::kDelay.
     Values delays{};

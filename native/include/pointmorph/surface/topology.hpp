@@ -8,6 +8,7 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
+#include "pointmorph/mesh/part_counts.hpp"
 #include "pointmorph/surface/boundary.hpp"
 #include "pointmorph/surface/sampled_surface.hpp"
 
@@ -47,11 +48,16 @@ struct Topology {
 /// A label for each point, from the faces. Two labels may be one component where points coincide.
 using Parts = std::vector<Index>;
 
-/// `loops` are those of find_boundary_loops(). `parts` say which points are connected; empty: found
-/// from the points. Coincident points count once.
+/// What faces say; all empty where there are none.
+struct KnownParts {
+    std::span<const Index> labels{};       ///< #points: which are connected
+    std::span<const PartCounts> counts{};  ///< of each label, from 0; or none
+};
+
+/// `loops` are those of find_boundary_loops(). What `parts` don't say is found from the points.
+/// Coincident points count once.
 Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLoop> loops,
-                       std::span<const Index> parts, const TopologyOptions& options,
-                       Progress& progress);
+                       const KnownParts& parts, const TopologyOptions& options, Progress& progress);
 
 /// Whether a loop is long enough, for the surface's area, to be the rim of a patch rather than that
 /// of a hole.
@@ -60,8 +66,14 @@ bool is_rim(double length, double area);
 /// "a closed surface of genus 1", "3 pieces: an open patch and 2 closed surfaces of genus 0".
 std::string in_words(const Topology& topology);
 
-/// Why the morph must tear or fold: the largest components differ in borders or handles. Empty
-/// where they don't, as far as is known.
+/// Whether a component doesn't go onto another without tears or folds, as far as is known: they
+/// differ in handles, or one is open.
+bool differ(const Component& source, const Component& target);
+
+/// "an open patch", "a closed surface of genus 1 with 2 holes".
+std::string in_words(const Component& component, bool plural = false);
+
+/// Why the morph must tear or fold, from the largest components. Empty where they don't differ.
 std::string difference_in_words(const Topology& source, const std::string& source_name,
                                 const Topology& target, const std::string& target_name);
 
