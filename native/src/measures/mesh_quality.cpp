@@ -405,8 +405,18 @@ std::string in_words(MeshFlaw flaw, double value, const std::string& target) {
     return {};
 }
 
-std::string verdict_on(const MeshFigures& figures, const std::string& source,
+/// The share of the target's area that no face comes near to.
+double bare_share(std::span<const Fault> uncovered) {
+    constexpr double kNear = 0.05;  // √area
+    double share = 0.0;
+    for (const Fault& fault : uncovered)
+        if (fault.distance > kNear) share += fault.share;
+    return share;
+}
+
+std::string verdict_on(const MeshFigures& figures, double bare, const std::string& source,
                        const std::string& target) {
+    constexpr double kMuch = 0.02;
     const MeshGrade grade = grade_of(figures);
     if (grade == MeshGrade::kGood)
         return "Good: the faces of " + source + " lie smoothly on " + target + ".";
@@ -417,6 +427,8 @@ std::string verdict_on(const MeshFigures& figures, const std::string& source,
         if (value <= kGood[k]) continue;
         text += (std::exchange(first, false) ? "" : "; ") +
                 in_words(static_cast<MeshFlaw>(k), value, target);
+        if (k == to_size(MeshFlaw::kUncovered) && bare > kMuch)
+            text += ", and " + two_digits(bare) + " of it stays bare";
     }
     return sentence(text);
 }
@@ -518,7 +530,9 @@ MeshQuality measure_mesh_quality(const WrappedMesh& wrapped, const WrappedSurfac
     MeshQuality quality;
     quality.figures = measured.figures;
     quality.grade = grade_of(quality.figures);
-    quality.verdict = verdict_on(quality.figures, wrapped.cloud.name, target.cloud.name);
+    quality.verdict =
+        verdict_on(quality.figures, bare_share(measured.faults[to_size(MeshFlaw::kUncovered)]),
+                   wrapped.cloud.name, target.cloud.name);
     quality.worst = worst_places(measured, wrapped, surface, target.cloud.name, features);
     return quality;
 }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <optional>
 
 #include "base/angle.hpp"
 #include "measures/place_words.hpp"
@@ -88,6 +89,20 @@ std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool
                                                        shapes.target.topology, shapes.target.name);
     if (!difference.empty()) warnings.push_back(difference);
     return warnings;
+}
+
+std::vector<std::string> handle_warnings(const PreparedShapes& shapes) {
+    const Topology &source = shapes.source.topology, &target = shapes.target.topology;
+    if (source.main().size() > 1 || target.main().size() > 1) return {};
+    const std::optional<Index> s = source.components.front().genus,
+                               t = target.components.front().genus;
+    if (!s || !t || *s == *t) return {};
+    const std::string &one = shapes.source.name, &other = shapes.target.name;
+    if (*s > *t)
+        return {"The hole through " + one + " can't close: its faces leave part of " + other +
+                " bare. Fill that hole first, or give " + other + " one."};
+    return {"No hole can open in the faces of " + one + ": they span the one through " + other +
+            ". Give " + one + " a hole first, or fill that of " + other + "."};
 }
 
 std::vector<std::string> paper_warnings(std::span<const Feature> features) {

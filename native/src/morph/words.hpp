@@ -16,6 +16,10 @@ namespace pointmorph {
 /// not of shapes of several pieces if it is told `by_pieces`, once it is known which belong together.
 std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool by_pieces);
 
+/// What faces can't do where one shape has more handles than the other, and what helps; empty
+/// where there are as many, or several pieces.
+std::vector<std::string> handle_warnings(const PreparedShapes& shapes);
+
 /// Of features that method paper can't keep to; empty where there are none.
 std::vector<std::string> paper_warnings(std::span<const Feature> features);
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <string>
 
 #include "measures/mapped.hpp"
 #include "mesh_shapes.hpp"
@@ -82,6 +83,18 @@ TEST(MeshQuality, ALiftedSheetIsOffByItsHeight) {
               "off Tray by 3 % of its size.");
     ASSERT_EQ(quality.worst.size(), 5u);
     for (const MeshPlace& place : quality.worst) EXPECT_NEAR(place.distance, 0.03, 1e-9);
+}
+
+TEST(MeshQuality, SaysHowMuchStaysBare) {
+    const Cloud source = sheet();
+    const auto squeezed = [](const Vector3& p) { return Vector3(0.3 * p.x(), p.y(), p.z()); };
+    const MeshQuality quality = measured(source, mapped(source.positions, squeezed), tray());
+    // All beyond 0.3, and 0.1 (0.05 √area) more on either side.
+    const std::string expected = " of its size from the faces, and ";
+    const std::size_t found = quality.verdict.find(expected);
+    ASSERT_NE(found, std::string::npos) << quality.verdict;
+    EXPECT_NEAR(std::stod(quality.verdict.substr(found + expected.size())), 60.0, 3.0);
+    EXPECT_NE(quality.verdict.find(" % of it stays bare"), std::string::npos);
 }
 
 TEST(MeshQuality, AFoldIsItsShareOfTheArea) {

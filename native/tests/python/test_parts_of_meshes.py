@@ -111,3 +111,13 @@ def test_a_way_through_is_told_of_its_piece() -> None:
     (text,) = [text for text in report["warnings"] if "tears" in text]
     assert text.startswith("A piece isn't like its counterpart (")
     assert "One, a closed surface of genus 1, and" in text
+
+
+def test_meshes_are_told_what_faces_cannot_do() -> None:
+    report = report_of(torus(0.3), bottle(1, 1.5))
+    assert [text for text in report["warnings"] if "tears" in text]
+    assert [text for text in report["warnings"] if text.startswith("The hole through One")]
+    clouds = [pointmorph.Cloud(one[0], faces=one[1]) for one in (torus(0.3), bottle(1, 1.5))]
+    bare = [pointmorph.Cloud(sampled.positions) for sampled in clouds]
+    warnings = pointmorph.morph(*bare).report["warnings"]
+    assert not [text for text in warnings if text.startswith("The hole through")]
