@@ -1,9 +1,12 @@
 #include "pointmorph/morph/denser_mesh.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include "mesh/mesh_edges.hpp"
@@ -29,9 +32,9 @@ public:
     /// Of each place that is new: the places that it lies between.
     const std::vector<std::array<Index, 2>>& ends() const { return ends_; }
 
-    /// Halves edges, and the longest of each triangle that has one of them, so that no triangle
-    /// gets thin. Returns how many were halved.
-    Index halve(std::vector<char> is_halved) {
+    /// Halves edges, and the longest of each triangle that has a much shorter one of them, so that
+    /// no triangle gets thin.
+    void halve(std::vector<char> is_halved) {
         const MeshEdges edges(mesh_.triangles);
         add_longest(edges, is_halved);
         const auto before = to_index(mesh_.positions.rows());
@@ -51,7 +54,6 @@ public:
         }
         old_ends_ = ends_.size();
         cut(edges, middles, std::move(positions));
-        return count;
     }
 
     /// As the caller gets it; `x` are the places, where they end.
@@ -81,7 +83,9 @@ private:
             if (is_halved[to_size(e)]) next.push_back(e);
         for (std::size_t i = 0; i < next.size(); ++i)
             for (const MeshEdges::Side& side : edges[next[i]]) {
+                constexpr double kMuchLonger = 1.5 * 1.5;
                 const Index e = longest[to_size(side.triangle)];
+                if (squared_length(edges[e].front()) < kMuchLonger * squared_length(side)) continue;
                 if (!std::exchange(is_halved[to_size(e)], 1)) next.push_back(e);
             }
     }
@@ -142,62 +146,145 @@ public:
                             .dot(target_.fine.normals.row(row)));
     }
 
+    /// The place itself where the target has no faces.
+    Vector3 nearest(const Vector3& place) const {
+        if (!tree_) return place;
+        const Mesh& mesh = *target_.mesh;
+        return place_of(tree_->closest(place), mesh.triangles, mesh.positions);
+    }
+
 private:
     const WrapTarget& target_;
     std::optional<TriangleTree> tree_;
     std::optional<KdTree<3>> points_;
 };
 
-/// Edges to halve: those whose middle is off the target; the longest of triangles whose middle is,
-/// or that are nearest to what no face reaches. None that is short.
-std::vector<char> edges_to_halve(const Mesh& mesh, const Positions& x, const WrapTarget& target,
-                                 const Shown& shown, double tolerance, Progress& progress) {
-    const MeshEdges edges(mesh.triangles);
-    const auto length = [&](Index e) {
-        const MeshEdges::Side side = edges[e].front();
-        return (x.row(start_of(mesh.triangles, side)) - x.row(end_of(mesh.triangles, side))).norm();
-    };
-    std::vector<char> result(to_size(edges.size()), 0);
-    parallel_for(
-        edges.size(), progress,
-        [&](Index begin, Index end) {
-            for (Index e = begin; e < end; ++e) {
-                const MeshEdges::Side side = edges[e].front();
-                const Vector3 middle = 0.5 * (x.row(start_of(mesh.triangles, side)) +
-                                              x.row(end_of(mesh.triangles, side)))
-                                                 .transpose();
-                result[to_size(e)] = shown.distance(middle) > tolerance;
-            }
-        },
-        0.0, 0.5, 128);
-    const auto longest = [&](Index f) {
-        Index best = edges.edge_of(f, 0);
-        for (Index k = 1; k < 3; ++k)
-            if (length(edges.edge_of(f, k)) > length(best)) best = edges.edge_of(f, k);
-        return best;
-    };
-    std::vector<char> is_off(to_size(mesh.triangles.rows()), 0);
-    parallel_for(
-        to_index(mesh.triangles.rows()), progress,
-        [&](Index begin, Index end) {
-            for (Index f = begin; f < end; ++f) {
-                const auto t = mesh.triangles.row(f);
-                const Vector3 middle = (x.row(t[0]) + x.row(t[1]) + x.row(t[2])).transpose() / 3.0;
-                is_off[to_size(f)] = shown.distance(middle) > tolerance;
-            }
-        },
-        0.5, 1.0, 128);
-    const TriangleTree tree(x, mesh.triangles, progress);
-    for (Eigen::Index s = 0; s < target.coarse.positions.rows(); ++s) {
-        const SurfacePoint point = tree.closest(target.coarse.positions.row(s).transpose());
-        if (point.squared_distance > tolerance * tolerance) is_off[to_size(point.triangle)] = 1;
+/// What halving each edge would mend: how far its middle is off the target, times its length; so
+/// much of the longest edge of a triangle whose middle is, or that is nearest to what no face
+/// reaches. 0 for what is near enough, for edges that are short, and for those that lie off as a
+/// whole: halves of them would as well.
+class Misses {
+public:
+    Misses(const Mesh& mesh, const Positions& x, const Shown& shown, double tolerance)
+        : mesh_(mesh),
+          x_(x),
+          shown_(shown),
+          tolerance_(tolerance),
+          edges_(mesh.triangles),
+          misses_(to_size(edges_.size()), 0.0) {}
+
+    /// Nothing where what is left doesn't show.
+    std::vector<double> found(const WrapTarget& target, Progress& progress) && {
+        parallel_for(
+            edges_.size(), progress,
+            [&](Index begin, Index end) {
+                for (Index e = begin; e < end; ++e)
+                    add(e, shown_.distance(0.5 * (start(e) + finish(e))));
+            },
+            0.0, 0.5, 128);
+        std::vector<double> off(to_size(mesh_.triangles.rows()));
+        parallel_for(
+            to_index(mesh_.triangles.rows()), progress,
+            [&](Index begin, Index end) {
+                for (Index f = begin; f < end; ++f) {
+                    const auto t = mesh_.triangles.row(f);
+                    off[to_size(f)] = shown_.distance(
+                        (x_.row(t[0]) + x_.row(t[1]) + x_.row(t[2])).transpose() / 3.0);
+                }
+            },
+            0.5, 1.0, 128);
+        double faces = 0.0, samples = 0.0;  // that are off
+        for (Index f = 0; f < mesh_.triangles.rows(); ++f)
+            if (off[to_size(f)] > tolerance_) faces += area(f);
+        const TriangleTree tree(x_, mesh_.triangles, progress);
+        for (Eigen::Index s = 0; s < target.coarse.positions.rows(); ++s) {
+            const SurfacePoint point = tree.closest(target.coarse.positions.row(s).transpose());
+            double& worst = off[to_size(point.triangle)];
+            const double distance = std::sqrt(point.squared_distance);
+            if (distance > tolerance_) samples += 1.0;
+            worst = std::max(worst, distance);
+        }
+        constexpr double kFew = 0.05;
+        if (faces < kFew * target.area &&
+            samples < kFew * static_cast<double>(target.coarse.positions.rows()))
+            return {};
+        for (Index f = 0; f < mesh_.triangles.rows(); ++f) add(longest(f), off[to_size(f)]);
+        return std::move(misses_);
     }
-    for (Index f = 0; f < mesh.triangles.rows(); ++f)
-        if (is_off[to_size(f)]) result[to_size(longest(f))] = 1;
-    constexpr double kShort = 2.0;  // tolerances
-    for (Index e = 0; e < edges.size(); ++e)
-        if (length(e) < kShort * tolerance) result[to_size(e)] = 0;
+
+private:
+    Vector3 start(Index e) const {
+        return x_.row(start_of(mesh_.triangles, edges_[e].front())).transpose();
+    }
+    Vector3 finish(Index e) const {
+        return x_.row(end_of(mesh_.triangles, edges_[e].front())).transpose();
+    }
+    double area(Index f) const {
+        const auto t = mesh_.triangles.row(f);
+        const Vector3 u = (x_.row(t[1]) - x_.row(t[0])).transpose(),
+                      v = (x_.row(t[2]) - x_.row(t[0])).transpose();
+        return 0.5 * u.cross(v).norm();
+    }
+    double length(Index e) const { return (finish(e) - start(e)).norm(); }
+
+    Index longest(Index f) const {
+        Index best = edges_.edge_of(f, 0);
+        for (Index k = 1; k < 3; ++k)
+            if (length(edges_.edge_of(f, k)) > length(best)) best = edges_.edge_of(f, k);
+        return best;
+    }
+
+    void add(Index e, double distance) {
+        constexpr double kShort = 2.0;  // tolerances
+        constexpr double kWhole = 1.5;  // distances
+        const double along = length(e);
+        if (distance > tolerance_ && along > std::max(kShort * tolerance_, kWhole * distance))
+            misses_[to_size(e)] = std::max(misses_[to_size(e)], distance * along);
+    }
+
+    const Mesh& mesh_;
+    const Positions& x_;
+    const Shown& shown_;
+    double tolerance_;
+    MeshEdges edges_;
+    std::vector<double> misses_;
+};
+
+/// The edges that miss most; about half as many as there is room for, since others go with them.
+std::vector<char> edges_to_halve(std::span<const double> misses, Index room) {
+    std::vector<Index> order;
+    for (std::size_t e = 0; e < misses.size(); ++e)
+        if (misses[e] > 0.0) order.push_back(to_index(e));
+    std::ranges::stable_sort(order, std::greater{}, [&](Index e) { return misses[to_size(e)]; });
+    if (to_index(order.size()) > room / 2) order.resize(to_size(room / 2));
+    std::vector<char> result(misses.size(), 0);
+    for (const Index e : order) result[to_size(e)] = 1;
     return result;
+}
+
+/// More vertices than so many show no more of the target: what it has between its own is flat.
+Index enough_vertices(Index own, const WrapTarget& target, Index most) {
+    constexpr Index kOfEach = 8, kLeast = 500;
+    const auto places =
+        to_index(target.mesh ? target.mesh->positions.rows() : target.coarse.positions.rows());
+    return std::min(most, own + std::max(kLeast, kOfEach * std::min(places, most)));
+}
+
+/// A mesh that has been wrapped onto the target, where it lies at `x`.
+struct OnTarget {
+    const Mesh& mesh;
+    const Positions& x;
+    const TriangleTree tree;  ///< of the mesh at rest
+};
+
+/// Puts the last places where the wrapped mesh is there, and then onto what is to be shown.
+void place_new(const Mesh& grown, Index first, const OnTarget& wrapped, const Shown& shown,
+               Positions& x) {
+    x.conservativeResize(grown.positions.rows(), 3);
+    for (Index p = first; p < x.rows(); ++p) {
+        const SurfacePoint on = wrapped.tree.closest(grown.positions.row(p).transpose());
+        x.row(p) = shown.nearest(place_of(on, wrapped.mesh.triangles, wrapped.x)).transpose();
+    }
 }
 
 }  // namespace
@@ -211,6 +298,8 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
     const Shown shown(onto.target(), progress);
     const double tolerance = options.tolerance * std::sqrt(onto.target().area);
     GrowingMesh growing(source.mesh.mesh());
+    const Index own = growing.size();
+    const Index most = enough_vertices(own, onto.target(), options.most_vertices);
     Positions x;
     for (Index round = 0; round <= options.rounds; ++round) {
         const double count = static_cast<double>(options.rounds + 1);
@@ -220,23 +309,22 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
         const Positions all = onto.wrapped(divided.mesh, divided.ends, wrapping, progress);
         x = all.topRows(growing.mesh().positions.rows());
         if (round == options.rounds) break;
-        const TriangleTree tree(divided.mesh.positions, divided.mesh.triangles, progress);
-        constexpr int kMost = 8;
+        const OnTarget wrapped{
+            divided.mesh, all, {divided.mesh.positions, divided.mesh.triangles, progress}};
+        // The later rounds, which know better, have their share.
+        const Index end = own + (most - own) / options.rounds * (round + 1);
+        constexpr int kMost = 12;
+        constexpr Index kFew = 4;
         bool has_grown = false;
-        for (int again = 0; again < kMost; ++again) {
-            const Mesh& mesh = growing.mesh();
-            std::vector<char> edges =
-                edges_to_halve(mesh, x, onto.target(), shown, tolerance, progress);
-            const auto more = std::ranges::count(edges, 1);
-            if (more == 0 || growing.size() + 2 * more > options.most_vertices) break;
-            const Index before = to_index(mesh.positions.rows());
-            const Index added = growing.halve(std::move(edges));
+        for (int again = 0; again < kMost && growing.size() + kFew < end; ++again) {
+            const std::vector<char> edges = edges_to_halve(
+                Misses(growing.mesh(), x, shown, tolerance).found(onto.target(), progress),
+                end - growing.size());
+            if (std::ranges::count(edges, 1) == 0) break;  // also if there are none
+            const Index before = to_index(x.rows());
+            growing.halve(edges);
             has_grown = true;
-            x.conservativeResize(before + added, 3);
-            for (Index p = before; p < before + added; ++p) {
-                const SurfacePoint on = tree.closest(growing.mesh().positions.row(p).transpose());
-                x.row(p) = place_of(on, divided.mesh.triangles, all).transpose();
-            }
+            place_new(growing.mesh(), before, wrapped, shown, x);
         }
         if (!has_grown) break;
     }

@@ -13,6 +13,7 @@
 #include "mesh_shapes.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/mesh/closest_point.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "registration/watched_options.hpp"
 #include "watched.hpp"
@@ -108,6 +109,38 @@ TEST(DenserMesh, GrowsOnlyWhereItHasTo) {
     EXPECT_LT(far, near / 4);
     EXPECT_EQ(mesh.positions.row(0), target.positions.row(0));
     EXPECT_NEAR(area(rest, mesh.faces), 4.0, 1e-9);
+}
+
+/// The mean distance of the target's vertices from the faces.
+double missed(const DenserMesh& mesh, const Cloud& target) {
+    Progress progress;
+    const TriangleTree tree(mesh.positions, mesh.faces, progress);
+    double sum = 0.0;
+    for (Eigen::Index v = 0; v < target.positions.rows(); ++v)
+        sum += std::sqrt(tree.closest(target.positions.row(v).transpose()).squared_distance);
+    return sum / static_cast<double>(target.positions.rows());
+}
+
+TEST(DenserMesh, GrowsInProportionToWhatItShows) {
+    SKIP_WHERE_WATCHED();
+    // Sharp edges, which no halving meets: they mustn't be cut to dust.
+    const Cloud block = mesh_shapes::moved(
+        mesh_shapes::cube(),
+        Vector3(1.0, 1.3, 0.4).asDiagonal() *
+            Eigen::AngleAxisd(0.4, Vector3(1, 2, 3).normalized()).toRotationMatrix(),
+        Vector3::Zero());
+    Progress progress;
+    double last = 1.0;
+    for (const int levels : {1, 2, 3}) {
+        const Cloud ball = mesh_shapes::icosphere(levels);
+        const Morph morph = morph_of(ball, block);
+        const DenserMesh mesh = morph.denser(true, {}, progress);
+        EXPECT_LE(mesh.positions.rows(), ball.size() + 500);
+        const double left = missed(mesh, block);
+        EXPECT_LT(left, 0.05);
+        EXPECT_LT(left, last + 0.01);
+        last = left;
+    }
 }
 
 TEST(DenserMesh, SeamsStayClosed) {

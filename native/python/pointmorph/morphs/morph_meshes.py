@@ -159,7 +159,8 @@ class AsMeshes(AsFrames):
         tolerance : float
             How far faces may lie off, in √area of the other model.
         most_vertices : int
-            It ends before there are more.
+            It ends before there are more. There are at most eight new ones for each of the other
+            model, or 500, about, in any case.
         progress : callable, optional
             As for `morph`.
 
