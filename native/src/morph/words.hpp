@@ -13,7 +13,8 @@
 namespace pointmorph {
 
 /// What preparing the shapes changed or found: inward normals, strays, different topologies; these
-/// not of shapes of several pieces if it is told `by_pieces`, once it is known which belong together.
+/// not of shapes of several pieces if it is told `by_pieces`, once it is known which belong
+/// together.
 std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool by_pieces);
 
 /// What faces can't do where one shape has more handles than the other, and what helps; empty
