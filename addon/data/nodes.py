@@ -8,6 +8,10 @@ import bpy
 
 from . import arrays, attribute_names, versions
 
+MUST_BE_FIRST = {"MULTIRES", "SOFT_BODY"}
+"""Types of modifiers that need a mesh's own vertices: Blender lets none that moves these be above.
+"""
+
 _MARK = "pointmorph_version"
 
 
@@ -77,8 +81,10 @@ def _curves(obj, path):
 
 
 def put_first(obj, modifier):
-    """Before all other modifiers; new ones come last."""
-    obj.modifiers.move(len(obj.modifiers) - 1, 0)
+    """Before all other modifiers that can come after it; new ones come last."""
+    kinds = [other.type for other in obj.modifiers]
+    bound = [place for place, kind in enumerate(kinds) if kind in MUST_BE_FIRST]
+    obj.modifiers.move(len(kinds) - 1, bound[-1] + 1 if bound else 0)
 
 
 def drive_input(obj, modifier, name, key, divisor=1):

@@ -133,6 +133,9 @@ class Computing:
             return self._finish_noted(context, compute(lambda stage, fraction: True))
         except pointmorph.PointmorphError as error:
             return fail(self, error)
+        except Exception as error:
+            traceback.print_exc()
+            return fail_unexpectedly(self, error)
 
     def _show_progress(self, context):
         text = progress_text()

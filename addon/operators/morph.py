@@ -14,6 +14,7 @@ from ..scene import (
     blended_textures,
     morph_builder,
     morph_object,
+    presentation,
     preview_object,
     recipes,
     recomputation,
@@ -119,7 +120,9 @@ class _Morphing(Recomputing):
             morph_object.morph_key(obj).value = self._value
             recipes.remember(obj, self._plan.recipe, outcome)
         say_looks(self, self._plan.requests)
-        present(self, context, obj, outcome, self._made is not None)
+        again = self._made is not None
+        with presentation.or_as_before(context, obj, not again):
+            present(self, context, obj, outcome, again)
         return {"FINISHED"}
 
 

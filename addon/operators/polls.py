@@ -147,7 +147,7 @@ def present(operator, context, obj, outcome, again=False):
     shading.show_colors(context, shown)
     activate(context.view_layer.objects, shown)
     for words in said:
-        operator.report({"WARNING"}, f"Shown without its faces. {words}")
+        operator.report({"WARNING"}, words)
     say_made(operator, shown, outcome.report)
 
 

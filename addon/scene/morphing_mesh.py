@@ -8,7 +8,7 @@ import numpy as np
 import pointmorph
 
 from ..core import path_stages, transforms
-from ..data import arrays, attribute_names, creation
+from ..data import arrays, attribute_names, creation, nodes
 from . import (
     attribute_transfer,
     blended_textures,
@@ -26,8 +26,8 @@ from . import (
 
 
 def make_mesh(context, obj):
-    """A copy of the source, with its faces, materials, colors, UV maps, weights and modifiers,
-    and the key "Morph" that makes it the target.
+    """A copy of the source, with its faces, materials, colors, UV maps, weights and modifiers, but
+    those that `left_off` names, and the key "Morph" that makes it the target.
 
     Raises
     ------
@@ -54,9 +54,16 @@ def make_mesh(context, obj):
         key.value = morph_object.t_key(obj).value
         _write_ways(copy, obj, places, back)
         path_display.remove(copy)  # of a source that morphs itself
+        for name in left_off(source):
+            copy.modifiers.remove(copy.modifiers[name])
         path_display.add(copy, key, created, len(places) - 1, False)
         copy.active_shape_key_index = copy.data.shape_keys.key_blocks.find(key.name)
     return copy
+
+
+def left_off(source):
+    """Names of the modifiers of a source that a copy of it can't have."""
+    return [modifier.name for modifier in source.modifiers if modifier.type in nodes.MUST_BE_FIRST]
 
 
 def _own_places(source, places, back):

@@ -10,6 +10,7 @@ import contextlib
 import pointmorph
 
 from . import (
+    morph_builder,
     morph_object,
     morphing_mesh,
     placement,
@@ -38,7 +39,7 @@ def present(context, obj, again=False):
     Object
         What shows it; it has the name that `obj` had.
     list of str
-        Why it isn't shown by faces all the same, in words.
+        Why it isn't shown by faces all the same, or lacks something, in words.
     """
     shown, said = obj, []
     if obj.pointmorph.keeps_faces:  # its points are gone
@@ -50,10 +51,31 @@ def present(context, obj, again=False):
         try:
             shown = show_as(context, obj, kind if has_faces(obj) or kind != MESH else _solid(obj))
         except pointmorph.PointmorphError as error:
-            said.append(str(error))
+            said.append(f"Shown without its faces. {error}")
             shown = show_as(context, obj, _solid(obj))
     show_shapes(context, obj, False)
+    if shown != obj and (left := morphing_mesh.left_off(recipes.shapes_of(obj)[0])):
+        said.append(f'"{shown.name}" has no {", ".join(left)}: no mesh can have it and morph')
     return shown, said
+
+
+@contextlib.contextmanager
+def or_as_before(context, obj, is_new):
+    """After an error, what a morph object was made from is shown or hidden as it was, and one that
+    is new is gone, with the mesh that shows it."""
+    shapes = [shape for shape in recipes.shapes_of(obj) if shape is not None]
+    before = [(shape, shape.hide_get(), shape.hide_render) for shape in shapes]
+    try:
+        yield
+    except BaseException:
+        for shape, hidden, not_rendered in before:
+            with contextlib.suppress(RuntimeError):  # it isn't in this view layer
+                shape.hide_set(hidden, view_layer=context.view_layer)
+            if shape.is_editable:
+                shape.hide_render = not_rendered
+        for one in {morph_object.shown_of(obj), obj} if is_new else ():
+            morph_builder.remove(one)
+        raise
 
 
 def _solid(obj):
@@ -136,6 +158,23 @@ def shows_shapes(obj):
 def _add_mesh(context, obj):
     """Makes the source's faces show a morph object; they take its name, and it is hidden."""
     mesh = morphing_mesh.make_mesh(context, obj)
+    name, of_mesh = obj.name, obj.data.name
+    try:
+        _put_in_place(context, obj, mesh)
+    except BaseException:
+        with contextlib.suppress(Exception):
+            slider_keys.hand_over(mesh, obj)
+        obj.pointmorph.mesh = None
+        morph_builder.remove(mesh)
+        obj.name, obj.data.name = name, of_mesh
+        raise
+    set_visible(context, mesh, True)
+    set_visible(context, obj, False)
+    return mesh
+
+
+def _put_in_place(context, obj, mesh):
+    """Puts a new mesh where its morph object lies, and gives it the name and the slider of that."""
     if mesh.parent is not None or len(mesh.constraints):
         context.view_layer.update()
     placement.put_mesh(mesh, obj)
@@ -148,9 +187,6 @@ def _add_mesh(context, obj):
     obj.pointmorph.mesh = mesh
     slider_keys.follow(obj, mesh)
     stagger.follow(obj, mesh)
-    set_visible(context, mesh, True)
-    set_visible(context, obj, False)
-    return mesh
 
 
 def set_visible(context, obj, visible):

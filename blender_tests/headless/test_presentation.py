@@ -10,6 +10,8 @@ from scenes import (
     add_mesh,
     attribute,
     coordinates,
+    data_blocks,
+    error_of,
     key,
     mark,
     morph,
@@ -249,3 +251,41 @@ def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
     layout.drawn.clear()
     panel.draw(SimpleNamespace(layout=layout), context)
     assert layout.drawn[:3] == ["key_morph", "show_shapes", "recompute"]
+
+
+@pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY"])
+def test_a_modifier_that_must_be_first_is_left_off(settings, capfd, kind):
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.modifiers.new("Finer", kind)
+    source.modifiers.new("Smooth", "SMOOTH").factor = 0.0
+    shown = morph()
+    assert [modifier.name for modifier in shown.modifiers] == ["Path", "Smooth"]
+    assert len(source.modifiers) == 2
+    assert '"Hill to Dune" has no Finer' in capfd.readouterr().out
+    shown.data.shape_keys.key_blocks["Morph"].value = 1.0
+    np.testing.assert_allclose(surface_of(shown), key(shown, "Morph"), atol=1e-6)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_an_error_nobody_thought_of_leaves_the_scene_as_it_was(addon, settings, monkeypatch, late):
+    settings.show_as = "MESH"
+    source, target = pair(14, 12)
+    source.hide_render = True
+    select(source)
+    before = data_blocks()
+
+    def fail(*_):
+        raise RuntimeError("of Blender's")
+
+    parts = ("scene.slider_keys", "follow"), ("operators.shading", "show_colors")
+    module, name = parts[late]
+    monkeypatch.setattr(addon(module), name, fail)
+    said = error_of(bpy.ops.pointmorph.morph)
+    assert "Morph failed. RuntimeError: of Blender's" in said
+    assert {block for block in data_blocks() - before if "node_groups" not in block} == set()
+    assert [obj.hide_get() for obj in (source, target)] == [False, False]
+    assert [obj.hide_render for obj in (source, target)] == [True, False]
+    assert bpy.context.view_layer.objects.active == source
+    monkeypatch.undo()
+    assert morph().name == "Hill to Dune"
