@@ -261,8 +261,8 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
     source: bpy.props.PointerProperty(
         name="Source",
-        description="Mesh or point cloud that the morph starts from. A mesh is used without its "
-        "modifiers, because shape keys are added to the unmodified mesh",
+        description="Mesh or point cloud that the morph starts from. It is used as the viewport "
+        "shows it, with modifiers and shape keys",
         type=bpy.types.Object,
         poll=_is_shape,
         update=_sync,

@@ -11,6 +11,7 @@ from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
+    as_shown,
     blended_textures,
     morph_builder,
     morph_object,
@@ -21,6 +22,7 @@ from ..scene import (
     staleness,
 )
 from ..scene.feature_marks import say_what_was_found
+from ..scene.shape_reader import update
 from .polls import (
     Explained,
     busy_reason,
@@ -48,6 +50,8 @@ class _Morphing(Recomputing):
     _value = 0.0  # of the key when the result comes
     _shown = ""  # name of the coarse morph's object
     _made = None  # what is computed again
+    _copy = None  # of the source as shown
+    _applied = _kept = ()  # names of what changes the source
 
     def invoke(self, context, event):
         self.new_result = self.new_result or event.alt
@@ -58,8 +62,10 @@ class _Morphing(Recomputing):
         if morphs_selected(context):
             pick_selected(context)
         sync_features(context.scene)
-        shapes = staleness.picked_shapes(context.scene)
         there = None if self.new_result else picked_result(context)
+        if there is None:
+            self._take_as_shown(context)
+        shapes = staleness.picked_shapes(context.scene)
         if there is not None:
             work = yield from self.begin_again(context, there)
         else:
@@ -67,6 +73,57 @@ class _Morphing(Recomputing):
         if len(shapes) == 2:
             say_what_was_found(context.scene, self._plan.requests[0])
         return work
+
+    def _take_as_shown(self, context):
+        """Makes a copy the source that has applied what can't go along with a morph."""
+        settings = context.scene.pointmorph
+        source = settings.source
+        update(context, source)
+        names = as_shown.changed_by(context, source)
+        if names and source.pointmorph.keep_modifiers:
+            self._kept = names
+        elif names:
+            self._before = source.hide_get(), source.hide_render
+            copy = as_shown.copy_as_shown(context, source)
+            self._copy, self._applied = reference_to(copy), names
+            settings.source = copy
+            update(context, copy)
+
+    def _take_copy_back(self, context):
+        """After an error, or Esc, the source is what it was."""
+        copy, self._copy = find(bpy.data.objects, self._copy), None
+        if copy is None:
+            return
+        settings = context.scene.pointmorph
+        if settings.source == copy:
+            settings.source = copy.pointmorph.shown_from
+        as_shown.remove(copy, *self._before)
+
+    def execute(self, context):
+        done = super().execute(context)
+        if done == {"CANCELLED"}:
+            self._take_copy_back(context)
+        return done
+
+    def cancel(self, context):
+        super().cancel(context)
+        self._take_copy_back(context)
+
+    def _say_applied(self, obj):
+        """What became of the source's modifiers and shape keys."""
+        if self._applied:
+            self.report(
+                {"INFO"},
+                f"The source was morphed as shown, with {', '.join(self._applied)} applied. To "
+                "keep them on the morph, choose the original, turn on Keep Modifiers and morph "
+                "again",
+            )
+        if self._kept:
+            self.report(
+                {"WARNING"},
+                f'"{obj.name}" keeps {", ".join(self._kept)} of the source: they change the target '
+                "as well. Turn off Keep Modifiers for a morph that ends exactly there",
+            )
 
     def _begin_new(self, context, shapes):
         settings = context.scene.pointmorph
@@ -106,7 +163,10 @@ class _Morphing(Recomputing):
     def _made_of(self, context):
         """What `morph_builder.build` needs besides the outcome."""
         shapes = [find(context.scene.objects, shape) for shape in self._shapes]
-        name = " to ".join(shape["name"] for shape in self._plan.recipe["shapes"])
+        known = [shape["name"] for shape in self._plan.recipe["shapes"]]
+        if self._copy is not None and shapes[0] is not None:
+            known[0] = as_shown.original_of(shapes[0]).name
+        name = " to ".join(known)
         return name, self._plan.provenance(shapes)
 
     def _finish(self, context, outcome):
@@ -123,6 +183,7 @@ class _Morphing(Recomputing):
         again = self._made is not None
         with presentation.or_as_before(context, obj, not again):
             present(self, context, obj, outcome, again)
+        self._say_applied(obj)
         return {"FINISHED"}
 
 

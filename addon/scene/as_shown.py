@@ -1,22 +1,118 @@
-"""What modifiers and shape keys make of an object in the viewport, which a morph takes of the
-target but not of the source."""
+"""What modifiers and shape keys make of an object in the viewport. A morph starts from it: from a
+copy where a mesh that morphs can't have them as well, because they would change the target, too."""
 
 import bpy
+import numpy as np
 import pointmorph
 
-from ..data import creation
+from ..data import arrays, creation
+from ..data.feature_list import feature_groups
+from . import morph_builder, morph_object
+
+_KEPT = {
+    "COLLISION",
+    "DATA_TRANSFER",
+    "EDGE_SPLIT",
+    "NORMAL_EDIT",
+    "PARTICLE_SYSTEM",
+    "SURFACE",
+    "TRIANGULATE",
+    "UV_PROJECT",
+    "UV_WARP",
+    "VERTEX_WEIGHT_EDIT",
+    "VERTEX_WEIGHT_MIX",
+    "VERTEX_WEIGHT_PROXIMITY",
+    "WEIGHTED_NORMAL",
+}
+"""Modifiers that leave the vertices where they are, on the target as well."""
+
+_AT_REST = {
+    "ARMATURE",
+    "CAST",
+    "CURVE",
+    "DISPLACE",
+    "HOOK",
+    "LATTICE",
+    "LAPLACIANDEFORM",
+    "MESH_DEFORM",
+    "NODES",
+    "SIMPLE_DEFORM",
+    "SURFACE_DEFORM",
+    "WARP",
+}
+"""Modifiers that do nothing to the target either if they do nothing to the source now."""
+
+_ROUNDER = 0.01
+"""Of the diagonal: how far Subdivision Surface may move vertices, on average, to stay. A ball of
+162 vertices moves by 0.005 and becomes a head to 0.005; one of 42 by 0.013 and to 0.013."""
 
 
 def left_out(obj):
-    """What a morph leaves out of a source, in words: names of modifiers, and shape keys that show.
-    Empty where the viewport shows the mesh itself."""
+    """Names of what can make an object look different from its own mesh, in words: modifiers, and
+    shape keys that show. Empty where the viewport shows the mesh itself."""
     if obj is None or obj.type != "MESH":
         return []
     names = [modifier.name for modifier in obj.modifiers if modifier.show_viewport]
+    return names + _keys_that_show(obj)
+
+
+def _keys_that_show(obj):
     keys = obj.data.shape_keys
-    if keys is not None and any(key.value and not key.mute for key in keys.key_blocks[1:]):
-        names.append("shape keys")
-    return names
+    if keys is None:
+        return []
+    pinned = obj.show_only_shape_key and obj.active_shape_key_index > 0
+    shown = any(key.value and not key.mute for key in keys.key_blocks[1:])
+    return ["shape keys"] if pinned or (shown and not obj.show_only_shape_key) else []
+
+
+def changed_by(context, obj):
+    """What changes an object so that its own mesh can't be morphed and keep it, in words; empty
+    where it can. The scene must be up to date."""
+    if obj.type != "MESH" or morph_object.is_result(obj):
+        return []
+    shown = [m for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
+    names = [modifier.name for modifier in shown] + _keys_that_show(obj)
+    rounding = bool(shown) and shown[-1].type == "SUBSURF"
+    while shown and shown[-1].type == "SUBSURF":
+        shown.pop()
+    by_parent = obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}
+    if by_parent:
+        names.append(obj.parent.name)
+    if _keys_that_show(obj) or any(modifier.type not in _AT_REST for modifier in shown):
+        return names
+    if (shown or by_parent) and _moved(context, obj, True, np.max) > 1e-5:
+        return names
+    return names if rounding and _moved(context, obj, False, np.mean) > _ROUNDER else []
+
+
+def _moved(context, obj, alone, how):
+    """How far an object's own vertices are moved, of its diagonal; 1 where these aren't there.
+
+    Parameters
+    ----------
+    alone : bool
+        Without the modifiers that leave vertices in place or round the mesh.
+    how : callable
+        What it takes of all vertices.
+    """
+    tried = obj
+    if alone:
+        tried = obj.copy()
+        context.scene.collection.objects.link(tried)
+    try:
+        for modifier in list(tried.modifiers) if alone else ():
+            if modifier.type in _KEPT or modifier.type == "SUBSURF":
+                tried.modifiers.remove(modifier)
+        evaluated = tried.evaluated_get(context.evaluated_depsgraph_get())
+        own, places = arrays.basis_positions(obj.data), arrays.vertex_positions(evaluated.data)
+    finally:
+        if alone:
+            bpy.data.objects.remove(tried)
+    if not len(own) or len(places) < len(own) or (alone and len(places) != len(own)):
+        return 1.0
+    diagonal = float(np.linalg.norm(np.ptp(own, axis=0)))
+    away = np.linalg.norm(places[: len(own)] - own, axis=1)
+    return float(how(away)) / diagonal if diagonal > 0 else 0.0
 
 
 def vertices_shown(view_layer, obj):
@@ -26,6 +122,12 @@ def vertices_shown(view_layer, obj):
     if evaluated is None or not evaluated.is_evaluated or evaluated.type != "MESH":
         return None
     return len(evaluated.data.vertices)
+
+
+def original_of(obj):
+    """The object that a copy was made of, and shows, or the object itself."""
+    original = obj.pointmorph.shown_from
+    return original if original is not None and original.users_collection else obj
 
 
 def copy_as_shown(context, obj):
@@ -45,19 +147,62 @@ def copy_as_shown(context, obj):
         created(mesh)
         if not len(mesh.vertices):
             raise pointmorph.CloudError(
-                obj.name, "vertices in the viewport", "none", "Enable it, or check its modifiers."
+                obj.name,
+                "vertices in the viewport",
+                "none",
+                "Enable it, check its modifiers, or turn on Keep Modifiers.",
             )
         copy = obj.copy()
         created(copy)
-        copy.modifiers.clear()
+        _forget_morph(copy)
+        _remove_modifiers(copy)
         copy.data = mesh
+        if copy.parent_type in {"ARMATURE", "LATTICE"}:  # which would bend it once more
+            copy.parent_type = "OBJECT"
         copy.name = mesh.name = f"{obj.name} as Shown"
         for index, slot in enumerate(obj.material_slots):
             if slot.link == "OBJECT" and index < len(copy.material_slots):
                 copy.material_slots[index].link = "OBJECT"
                 copy.material_slots[index].material = slot.material
+        copy.pointmorph.shown_from = obj
+        if obj.type == "MESH":
+            _keep_points(obj, copy)
         creation.link(context, copy)
     obj.hide_set(True)
     if obj.is_editable:
         obj.hide_render = True
     return copy
+
+
+def _keep_points(obj, copy):
+    """A feature of one vertex is one on the copy, too, where modifiers mirror or spread it."""
+    groups = {index: index for index in feature_groups(obj)}
+    marked, spread = (arrays.vertex_groups(one.data, groups) for one in (obj, copy))
+    for index, (_, weights) in marked.items():
+        rows, shares = spread[index]
+        if (weights > 0).sum() == 1 and len(rows) > 1:
+            group = copy.vertex_groups[index]
+            group.remove(rows.tolist())
+            group.add([int(rows[shares.argmax()])], float(weights.max()), "REPLACE")
+
+
+def _remove_modifiers(copy):
+    drivers = () if copy.animation_data is None else copy.animation_data.drivers
+    for driver in [one for one in drivers if one.data_path.startswith("modifiers[")]:
+        copy.animation_data.drivers.remove(driver)
+    copy.modifiers.clear()
+
+
+def _forget_morph(copy):
+    """Makes a copy of a morph an object like any other."""
+    for name in ("source", "target", "via", "made_from", "mesh", "keeps_faces", "recipe", "report"):
+        copy.pointmorph.property_unset(name)
+
+
+def remove(copy, hidden, not_rendered):
+    """Takes a copy away, and shows its original as before."""
+    original = copy.pointmorph.shown_from
+    morph_builder.remove(copy)
+    original.hide_set(hidden)
+    if original.is_editable:
+        original.hide_render = not_rendered

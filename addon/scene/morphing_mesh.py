@@ -45,6 +45,7 @@ def make_mesh(context, obj):
         copy.pointmorph.mesh = None
         copy.name = mesh.name = f"{obj.name} Mesh"
         copy.hide_render = False
+        copy.show_only_shape_key = False
         creation.link(context, copy)
         _know(copy, obj)
         if mesh.shape_keys is None:

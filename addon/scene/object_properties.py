@@ -76,6 +76,17 @@ class PointmorphObject(bpy.types.PropertyGroup):
         "morphs. Weights below 1 let them go part of the way",
         update=_tag,
     )
+    keep_modifiers: bpy.props.BoolProperty(
+        name="Keep Modifiers",
+        description="Morph the mesh itself, and put its modifiers and shape keys on the result. "
+        "There they change the target as well: at 1 it looks different. Off: where they would, "
+        "a copy of the source is morphed that has them applied",
+    )
+    shown_from: bpy.props.PointerProperty(
+        name="Shown From",
+        description="Object of which this is a copy with modifiers, pose and shape keys applied",
+        type=bpy.types.Object,
+    )
     is_preview: bpy.props.BoolProperty(
         name="Preview",
         description="A coarse morph, shown until the full one is ready",
@@ -158,6 +169,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
     shading_before: bpy.props.StringProperty(
         name="Shading Before",
         description="Viewport shading before distortion was shown. Empty if it didn't change",
+    )
+    shown_before: bpy.props.StringProperty(
+        name="Shown Before",
+        description="What showed the morph before its points were colored by an attribute",
+        options={"HIDDEN"},
     )
     colors_by_attribute: bpy.props.BoolProperty(
         name="Colors by Attribute",

@@ -10,6 +10,7 @@ import contextlib
 import pointmorph
 
 from . import (
+    as_shown,
     morph_builder,
     morph_object,
     morphing_mesh,
@@ -147,12 +148,16 @@ def show_shapes(context, obj, visible):
     """Shows or hides the objects that a morph object was made from."""
     for shape in recipes.shapes_of(obj):
         if shape is not None:
-            set_visible(context, shape, visible)
+            original = as_shown.original_of(shape)
+            if original != shape:
+                set_visible(context, shape, False)
+            set_visible(context, original, visible)
 
 
 def shows_shapes(obj):
     """Whether one of the objects that a morph object was made from is to be seen."""
-    return any(not s.hide_get() for s in recipes.shapes_of(obj) if s is not None)
+    shapes = [as_shown.original_of(s) for s in recipes.shapes_of(obj) if s is not None]
+    return any(not shape.hide_get() for shape in shapes)
 
 
 def _add_mesh(context, obj):

@@ -87,14 +87,16 @@ def _draw_beside_name(layout, name=""):
 
 
 def _draw_left_out(layout, context, source):
-    """What of the source won't be morphed, and the button that changes it."""
+    """What a morph makes of the source's modifiers and shape keys, and the choice."""
     names = as_shown.left_out(source)
     if not names:
         return
     column = _draw_beside_name(layout).column(align=True)
-    column.label(text=f"Without {', '.join(names)}", icon="INFO")
-    text = _with_vertices("Use as Shown", context, source)
-    column.operator("pointmorph.use_as_shown", text=text)
+    if source.pointmorph.keep_modifiers:
+        column.label(text=f"{', '.join(names)} also on the target", icon="INFO")
+    else:
+        column.label(text=_with_vertices("As shown", context, source))
+    column.prop(source.pointmorph, "keep_modifiers")
 
 
 def _with_vertices(text, context, obj):

@@ -3,7 +3,21 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import add_group, add_mesh, coordinates, error_of, mark, morph, patch, pick
+from scenes import (
+    add_group,
+    add_mesh,
+    coordinates,
+    data_blocks,
+    error_of,
+    key,
+    mark,
+    morph,
+    pair,
+    patch,
+    pick,
+    select,
+    set_t,
+)
 
 
 @pytest.fixture
@@ -69,3 +83,121 @@ def test_marks_come_along(mirrored, settings):
     np.testing.assert_allclose(
         coordinates(shown.data.vertices), coordinates(evaluated.vertices), atol=1e-6
     )
+
+
+def add_key(obj, value, offset):
+    """A shape key that moves all of a mesh."""
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis")
+    key = obj.shape_key_add(name="Up")
+    positions = coordinates(key.data) + np.asarray(offset, np.float32)
+    key.data.foreach_set("co", positions.reshape(-1))
+    key.value = value
+
+
+def add_armature(obj, pose):
+    bones = bpy.data.armatures.new("Bones")
+    rig = bpy.data.objects.new("Rig", bones)
+    bpy.context.scene.collection.objects.link(rig)
+    select(rig)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = bones.edit_bones.new("Bone")
+    bone.tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["Bone"].location = pose
+    add_group(obj, "Bone", dict.fromkeys(range(len(obj.data.vertices)), 1.0))
+    obj.modifiers.new("Rig", "ARMATURE").object = rig
+
+
+def put_on(obj, what):
+    """Something that makes an object look different from its own mesh, or could."""
+    if what == "mirror":
+        obj.modifiers.new("Twice", "MIRROR").use_axis = (False, False, True)
+        obj.modifiers.new("Round", "SUBSURF")
+    elif what == "rough":
+        obj.modifiers.new("Round", "SUBSURF")
+        obj.modifiers["Round"].levels = 2
+    elif what in ("pose", "rest"):
+        add_armature(obj, (0, 0, 0.5 * (what == "pose")))
+    elif what in ("key", "quiet key"):
+        add_key(obj, 0.5 * (what == "key"), (0, 0, 1))
+    elif what in ("pin", "pinned basis"):
+        add_key(obj, 0.0, (0, 0, 1))
+        obj.active_shape_key_index = int(what == "pin")
+        obj.show_only_shape_key = True
+    elif what == "triangles":
+        obj.modifiers.new("Triangles", "TRIANGULATE")
+    bpy.context.view_layer.update()
+
+
+def shown_surface(obj):
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    return coordinates(evaluated.vertices)
+
+
+CHANGED = ("mirror", "rough", "pose", "key", "pin")
+
+
+@pytest.mark.parametrize("what", [*CHANGED, "rest", "quiet key", "pinned basis", "triangles"])
+def test_a_source_is_morphed_as_it_looks(settings, capfd, what):
+    """At 0 the morph is what the viewport showed, at 1 it lies on the target."""
+    settings.show_as = "MESH"
+    source, target = pair(3 if what == "rough" else 14, 12)
+    if what == "rough":
+        source.vertex_groups.clear()
+        target.vertex_groups.clear()
+    put_on(source, what)
+    before = shown_surface(source)
+    shown = morph()
+    assert shown.name == "Hill to Dune"
+    np.testing.assert_allclose(shown_surface(shown), before, atol=1e-5)
+    set_t(shown, 1)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(shown_surface(shown), key(shown, "Morph"), atol=1e-5)
+    said = capfd.readouterr().out
+    assert ("The source was morphed as shown" in said) == (what in CHANGED)
+    assert (settings.source != source) == (what in CHANGED)
+    assert source.hide_get()
+    bpy.ops.pointmorph.show_shapes()
+    assert not source.hide_get()
+    assert settings.source.hide_get() == (what in CHANGED)
+    bpy.ops.pointmorph.morph()
+    assert len(bpy.context.scene.objects) == 4 + (what in CHANGED) + (what in ("pose", "rest"))
+
+
+def test_modifiers_are_kept_on_request(mirrored, settings, capfd):
+    mirrored.pointmorph.keep_modifiers = True
+    shown = morph()
+    assert settings.source == mirrored
+    assert [modifier.name for modifier in shown.modifiers] == ["Path", "Twice"]
+    assert "keeps Twice of the source: they change the target" in capfd.readouterr().out
+
+
+def test_a_morph_at_its_end_is_a_source(settings):
+    settings.show_as = "MESH"
+    pair(14, 12)
+    first = morph()
+    set_t(first, 1)
+    bpy.context.view_layer.update()
+    end = shown_surface(first)
+    last = add_mesh("Field", *patch(11, bump=0.1))
+    mark(last, "peak", 0, 0)
+    mark(last, "slope", 0.5, 0.3)
+    pick(first, last)
+    shown = morph()
+    np.testing.assert_allclose(shown_surface(shown), end, atol=1e-5)
+    assert not settings.source.pointmorph.keeps_faces
+    assert settings.source.pointmorph.made_from is None
+
+
+def test_after_an_error_the_source_is_itself(addon, mirrored, settings, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("of Blender's")
+
+    monkeypatch.setattr(addon("scene.slider_keys"), "follow", fail)
+    before = data_blocks()
+    assert "of Blender's" in error_of(bpy.ops.pointmorph.morph)
+    assert settings.source == mirrored
+    assert not mirrored.hide_get()
+    assert not mirrored.hide_render
+    assert {block for block in data_blocks() - before if "node_groups" not in block} == set()
