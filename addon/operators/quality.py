@@ -2,16 +2,17 @@
 
 import bpy
 import numpy as np
+import pointmorph
 
 from ..core import transforms
 from ..data import attribute_names
 from ..data.registration import Registration
 from ..scene import morph_object, placement, points_display, presentation, recipes
-from .polls import NO_RESULT, Explained, active_result
+from .polls import NO_RESULT, Explained, active_result, fail
 
 
 class _Shows(Explained):
-    """Colors the points by an attribute, and by their own colors when it is pressed again."""
+    """Colors the points by an attribute, and shows what was shown before when it is pressed again."""
 
     attribute = ""
 
@@ -29,9 +30,15 @@ class _Shows(Explained):
         on = not points_display.shows(obj, self.attribute)
         if not any(points_display.shows(obj, attribute) for attribute in points_display.SHOW):
             obj.pointmorph.shading_before = ""
+            obj.pointmorph.shown_before = presentation.kind_of(obj)
         points_display.show(obj, self.attribute if on else None)
         if on:  # colors the points
             presentation.show_points(context, obj)
+        elif obj.pointmorph.shown_before == presentation.MESH:
+            try:
+                presentation.show_as(context, obj, presentation.MESH)
+            except pointmorph.PointmorphError as error:
+                return fail(self, error)
         self._shade(context, obj.pointmorph, on)
         return {"FINISHED"}
 
@@ -51,7 +58,7 @@ class _Shows(Explained):
 
 class POINTMORPH_OT_show_distortion(_Shows, bpy.types.Operator):
     """Color the points by distortion: blue is good, yellow is bad, red is folded. Press again to
-    show their own colors"""
+    show what was shown before"""
 
     bl_idname = "pointmorph.show_distortion"
     bl_label = "Show Distortion"
@@ -62,7 +69,7 @@ class POINTMORPH_OT_show_distortion(_Shows, bpy.types.Operator):
 
 class POINTMORPH_OT_show_confidence(_Shows, bpy.types.Operator):
     """Color the points by how likely the map is right: blue is sure, yellow is a toss-up, red is
-    most likely wrong. Press again to show their own colors"""
+    most likely wrong. Press again to show what was shown before"""
 
     bl_idname = "pointmorph.show_confidence"
     bl_label = "Show Confidence"

@@ -182,6 +182,22 @@ def test_distortion_is_shown_on_points(painted):
     assert attribute(points.data, "distortion").min() >= 0
 
 
+@pytest.mark.parametrize("kind", ["MESH", "POINTS", "DISCS"])
+def test_what_was_shown_comes_back_after_the_colors(painted, kind):
+    points = painted[2].pointmorph.made_from
+    bpy.ops.pointmorph.show_as(kind=kind)
+
+    def seen():
+        return [(obj.name, obj.hide_get(), obj.hide_render) for obj in bpy.context.scene.objects]
+
+    before = seen()
+    bpy.ops.pointmorph.show_distortion()
+    bpy.ops.pointmorph.show_confidence()
+    assert not points.hide_get()
+    bpy.ops.pointmorph.show_confidence()
+    assert seen() == before
+
+
 def test_it_survives_saving_and_its_mesh_being_deleted(painted, tmp_path):
     path = str(tmp_path / "morph.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
@@ -257,6 +273,7 @@ def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
 def test_a_modifier_that_must_be_first_is_left_off(settings, capfd, kind):
     settings.show_as = "MESH"
     source, _ = pair(14, 12)
+    source.pointmorph.keep_modifiers = True
     source.modifiers.new("Finer", kind)
     source.modifiers.new("Smooth", "SMOOTH").factor = 0.0
     shown = morph()
