@@ -55,6 +55,7 @@ class _Morphing(Recomputing):
 
     def invoke(self, context, event):
         self.new_result = self.new_result or event.alt
+        _leave_mode(context)
         return super().invoke(context, event)
 
     def _begin_steps(self, context):
@@ -100,6 +101,7 @@ class _Morphing(Recomputing):
         as_shown.remove(copy, *self._before)
 
     def execute(self, context):
+        _leave_mode(context)
         done = super().execute(context)
         if done == {"CANCELLED"}:
             self._take_copy_back(context)
@@ -185,6 +187,16 @@ class _Morphing(Recomputing):
             present(self, context, obj, outcome, again)
         self._say_applied(obj)
         return {"FINISHED"}
+
+
+def _leave_mode(context):
+    """Goes to Object Mode where an object is edited, or a shape is painted: the shapes will be
+    hidden, and the result can't be active elsewhere."""
+    active = context.view_layer.objects.active
+    if active is None or active.mode == "OBJECT":
+        return
+    if active.mode == "EDIT" or active in staleness.picked_shapes(context.scene):
+        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def _mode_reason(context):

@@ -12,7 +12,7 @@ from .polls import NO_RESULT, Explained, active_result, fail
 
 
 class _Shows(Explained):
-    """Colors the points by an attribute, and shows what was shown before when it is pressed again."""
+    """Colors the points by an attribute; pressed again, shows what was shown before."""
 
     attribute = ""
 

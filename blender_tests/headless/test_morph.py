@@ -271,16 +271,22 @@ def test_point_clouds(settings):
         bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
 
 
-def test_in_edit_mode_the_edits_count_and_the_mode_stays(settings):
-    source, _ = pair()
-    select(source)
+@pytest.mark.parametrize("side", [0, 1])
+def test_edit_mode_is_left_and_the_edits_count(settings, capfd, side):
+    settings.show_as = "MESH"
+    edited = pair()[side]
+    select(edited)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
     bpy.ops.transform.translate(value=(0, 0, 2))
     bpy.ops.pointmorph.morph()
-    assert source.mode == "EDIT"
-    assert bpy.context.view_layer.objects.active == source
-    assert key(bpy.data.objects["Hill to Dune"], "Basis")[:, 2].min() > 1
+    shown = bpy.data.objects["Hill to Dune"]
+    assert edited.mode == "OBJECT"
+    assert edited.hide_get()
+    assert bpy.context.view_layer.objects.active == shown
+    assert len(shown.data.polygons)
+    assert key(shown, ("Basis", "Morph")[side])[:, 2].min() > 1
+    assert "without its faces" not in capfd.readouterr().out
 
 
 def test_a_target_with_modifiers_is_taken_as_shown(settings):
