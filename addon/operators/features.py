@@ -177,10 +177,13 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
                 "The source or target has changed in the meantime: suggest features again",
             )
             return {"CANCELLED"}
-        marked, there = [], 0
+        marked, there, between, uncertain = [], 0, 0, 0
         for proposal in proposals:
-            wanted = self.places or proposal.name.startswith("tip.")
-            if not wanted or proposal.confidence < self.confidence:
+            if proposal.confidence < self.confidence:
+                uncertain += 1
+                continue
+            if not (self.places or proposal.name.startswith("tip.")):
+                between += 1
                 continue
             rows = proposal.source, proposal.target
             if any(known.has(row) for known, row in zip(self._known, rows, strict=True)):
@@ -195,10 +198,15 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         sync_features(context.scene)
         for name, confidence in marked:
             settings.features[name].confidence = confidence
-        rest = ": check them" if marked else ": the others are too uncertain"
+        said = [f"Marked {len(marked)} of {len(proposals)} suggestions"]
+        said[0] += ": check them" if marked else ""
         if there:
-            rest = f"; {there} skipped where features already are" + (rest if marked else "")
-        self.report({"INFO"}, f"Marked {len(marked)} of {len(proposals)} suggestions{rest}")
+            said.append(f"{there} skipped where features already are")
+        if between:
+            said.append(f"{between} no tips: turn on Places Between to mark these")
+        if uncertain:
+            said.append(f"{uncertain} less likely right than {100 * self.confidence:.0f} %")
+        self.report({"INFO"}, "; ".join(said))
         return {"FINISHED"}
 
 

@@ -282,11 +282,28 @@ def test_proposals_mark_tips_on_both_and_can_be_removed(addon):
     assert proposed[0][0] not in [name for name, _, _ in listed(settings)]
 
 
-def test_proposals_below_the_wanted_confidence_arent_marked(addon):
+def test_proposals_below_the_wanted_confidence_arent_marked(addon, capfd):
     settings = bpy.context.scene.pointmorph
     (settings.source, _), (settings.target, _) = urchin("One", 0.0), urchin("Two", 0.4)
     assert bpy.ops.pointmorph.propose_features(confidence=1.0) == {"FINISHED"}
     assert listed(settings) == []
+    assert "less likely right than 100 %" in capfd.readouterr().out
+
+
+def test_that_proposals_are_no_tips_is_said(addon, capfd):
+    """Smooth balls have no tips, only places between them."""
+    settings = bpy.context.scene.pointmorph
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    settings.source = bpy.context.object
+    bpy.ops.mesh.primitive_monkey_add()
+    settings.target = bpy.context.object
+    assert bpy.ops.pointmorph.propose_features(confidence=0.0) == {"FINISHED"}
+    assert listed(settings) == []
+    said = capfd.readouterr().out
+    assert "no tips: turn on Places Between" in said
+    assert "less likely" not in said
+    assert bpy.ops.pointmorph.propose_features(confidence=0.0, places=True) == {"FINISHED"}
+    assert len(listed(settings)) > 0
 
 
 def test_proposals_need_the_vertices_of_the_mesh(addon):
