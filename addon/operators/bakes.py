@@ -14,6 +14,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     animated_shape,
+    as_shown,
     cache_files,
     cached_frames,
     frame_files,
@@ -99,7 +100,21 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         note_done(self)
-        self.report({"INFO"}, f'Shape keys added to "{changed.name}": {self.steps}')
+        said = f'Shape keys added to "{changed.name}": {self.steps}'
+        original = as_shown.original_of(changed)
+        if original != changed:
+            presentation.set_visible(context, original, False)
+            presentation.set_visible(context, changed, True)
+            said += (
+                f', a copy with modifiers applied. For keys on "{original.name}" itself, choose it '
+                "as the source, turn on Keep Modifiers and morph again"
+            )
+        elif changed.hide_get():
+            said += (
+                ". It is hidden while the mesh is shown: press Points in the Result panel to see "
+                "them, or bake on the source mesh for keys on its faces"
+            )
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 
@@ -136,7 +151,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         """The plan and the format. Raises OptionError."""
         if self.frame_end <= self.frame_start:
             raise pointmorph.OptionError(
-                "frame_end",
+                "Last",
                 f"a frame after the first, {self.frame_start}",
                 str(self.frame_end),
                 "Choose a later frame.",
@@ -147,7 +162,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         target.check(faces)
         if faces and not pointmorph.sequences.surfaces.is_available():
             raise pointmorph.OptionError(
-                "faces",
+                "Faces",
                 "the packages pymeshlab and scipy, which make faces from points",
                 "a Blender without them",
                 "Turn Faces off, or write meshes outside Blender with: pointmorph morph --mesh",

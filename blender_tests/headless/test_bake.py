@@ -151,6 +151,7 @@ def test_existing_keys_are_kept(settings):
     for point in smile.data:
         point.co.z += 1
     kept = {name: key(source, name) for name in ("Rest", "Smile")}
+    source.pointmorph.keep_modifiers = True
     bpy.ops.pointmorph.morph()
     bake(kind="SOURCE", steps=2)
     assert names(source) == ["Rest", "Smile", "Dune 50 %", "Dune"]
@@ -286,6 +287,33 @@ def test_the_morph_key_is_gone(morphed):
     obj.shape_key_clear()
     for kind in ("SOURCE", "PAIRS"):
         assert 'expected a morph object with its shape key "Morph"' in refused(kind)
+
+
+def test_keys_of_a_copy_are_told_of(settings, capfd):
+    source, _ = pair()
+    source.modifiers.new("Bend", "CAST").factor = 0.5
+    morph()
+    bake(kind="SOURCE", steps=1)
+    copy = bpy.data.objects["Hill as Shown"]
+    assert names(copy) == ["Basis", "Dune"]
+    assert not copy.hide_get()
+    assert source.hide_get()
+    assert source.data.shape_keys is None
+    assert 'For keys on "Hill" itself, choose it' in capfd.readouterr().out
+
+
+def test_keys_on_hidden_points_are_told_of(settings, capfd):
+    settings.show_as = "MESH"
+    pair()
+    shown = morph()
+    bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=2)
+    said = capfd.readouterr().out
+    assert 'Shape keys added to "Hill to Dune Points": 2. It is hidden while the mesh' in said
+    assert "press Points in the Result panel" in said
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=1)
+    assert "hidden" not in capfd.readouterr().out
+    assert len(shown.data.shape_keys.key_blocks) == 2
 
 
 @pytest.mark.parametrize("with_keys", [False, True])
