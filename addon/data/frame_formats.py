@@ -77,14 +77,14 @@ class FrameFormat:
         oldest = self.content(faces).oldest
         if not versions.is_at_least(*oldest):
             raise pointmorph.OptionError(
-                "format",
+                "Format",
                 f"Blender {oldest[0]}.{oldest[1]} or later for {self.label}",
                 versions.name(),
                 "Bake PLY, or Alembic without colors.",
             )
         if self.operator and self.operator not in dir(bpy.ops.wm):
             raise pointmorph.OptionError(
-                "format",
+                "Format",
                 f"a Blender built with {self.label}",
                 f"{versions.name()}, built without it",
                 "Bake PLY.",

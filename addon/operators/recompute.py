@@ -8,7 +8,7 @@ from ..data import chains
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import blended_textures, morph_object, morphing_mesh, recomputation
+from ..scene import blended_textures, morph_object, morphing_mesh, recipes, recomputation
 from .made_objects import made_object, made_reason
 from .modal_operator import Computing
 from .polls import Explained, busy_reason, say_made
@@ -38,9 +38,8 @@ class Recomputing(Computing):
             request = self._plan.requests[0].without_looks()
             background_job.remember(request, outcome)
         said = morphing_mesh.remake(context, obj, self._plan, outcome)
-        for name in self._plan.missing:
-            gone = f'"{name}" no longer exists: the points stored in the morph were used'
-            self.report({"WARNING"}, gone)
+        for words in recipes.gone_words(obj).values() if self._plan.missing else ():
+            self.report({"WARNING"}, f"{words}. The points stored in the morph were used")
         for warning in said:
             self.report({"WARNING"}, warning)
         return obj

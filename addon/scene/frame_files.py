@@ -18,7 +18,7 @@ def make_folder(path):
     """The folder of that name, made when it isn't there. Raises FileError, OptionError."""
     if path.startswith("//") and not bpy.data.filepath:
         raise pointmorph.OptionError(
-            "directory",
+            "Folder",
             "a folder beside the saved file",
             f"{path} in a file that was never saved",
             "Save the file, or choose another folder.",

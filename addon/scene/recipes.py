@@ -59,6 +59,20 @@ def pointers_of(obj):
     return [data.source, *(item.object for item in data.via), data.target]
 
 
+def gone_words(obj):
+    """What has become of each object that isn't there and a morph object was made from, by the name
+    that it had then."""
+    known = recipe_of(obj).get("shapes", ())
+    return {
+        before["name"]: f'"{before["name"]}" no longer exists'
+        if shape is None
+        else f'"{shape.name}" is in no collection: it was deleted, or only came along when the '
+        "morph was appended"
+        for before, shape in zip(known, pointers_of(obj), strict=False)
+        if not is_there(shape)
+    }
+
+
 def is_there(obj):
     """Whether an object, or None, is in a scene or a collection."""
     if obj is None:

@@ -40,7 +40,7 @@ def put(obj, start, end, easing):
     """
     if end <= start:
         raise pointmorph.OptionError(
-            "end", f"a frame after the first, {start}", str(end), "Choose a later frame."
+            "End", f"a frame after the first, {start}", str(end), "Choose a later frame."
         )
     key = morph_object.t_key(obj)
     path = key.path_from_id("value")

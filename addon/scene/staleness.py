@@ -46,13 +46,8 @@ def state(obj, prints=None):
             return UNKNOWN, ["what it was made with can't be read"]
         return UNKNOWN, ["made by an earlier version, which stored no settings"]
     shapes = recipes.shapes_of(obj)
-    gone = [
-        f'"{known["name"]}" no longer exists'
-        for known, shape in zip(recipe["shapes"], shapes, strict=True)
-        if shape is None
-    ]
-    if gone:
-        return ORPHAN, gone
+    if None in shapes:
+        return ORPHAN, list(recipes.gone_words(obj).values())
     prints = fingerprints(obj) if prints is None else prints
     reasons = []
     for known, now in zip(recipe["shapes"], prints, strict=True):

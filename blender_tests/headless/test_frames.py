@@ -267,6 +267,13 @@ def check_faces(kind, read, expected):
 
 
 @pytest.mark.makes_faces
+def test_errors_begin_with_the_names_of_the_panel(morphed):
+    with pytest.raises(RuntimeError, match="Error: Last: expected a frame after the first, 5"):
+        bpy.ops.pointmorph.bake_frames(frame_start=5, frame_end=5)
+    with pytest.raises(RuntimeError, match="Error: Folder: expected a folder beside"):
+        bpy.ops.pointmorph.bake_frames(format="PLY", directory="//", frame_end=3)
+
+
 def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeypatch):
     if surfaces.is_available():
         bake(step=8, faces=True, format="PLY", directory=str(tmp_path))

@@ -250,8 +250,8 @@ def test_deletion_of_its_parents_in_the_viewport(settings):
     slider(obj).value = 1.0
     np.testing.assert_allclose(shown_points(obj), key(obj, "Morph"), atol=1e-6)
     assert obj.pointmorph.state == "ORPHAN"
-    assert '"Hill" no longer exists' in obj.pointmorph.stale
-    assert '"Dune" no longer exists' in obj.pointmorph.stale
+    assert '"Hill" is in no collection' in obj.pointmorph.stale
+    assert '"Dune" is in no collection' in obj.pointmorph.stale
     recompute(obj)  # from what it holds
     assert_kept(content(obj), before)
     assert not {"Hill", "Dune"} & set(bpy.context.scene.objects.keys())
@@ -299,6 +299,7 @@ def test_append_and_link_into_another_file(settings, tmp_path, as_link):
     assert_same(content(obj), before)
     assert obj.pointmorph.source.name == "Hill"
     assert obj.pointmorph.state == "ORPHAN"  # its objects came along, but into no collection
+    assert '"Hill" is in no collection' in obj.pointmorph.stale
     if as_link:
         select(obj)
         with pytest.raises(RuntimeError, match="linked from another file: make it local"):
