@@ -155,7 +155,8 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_show_shapes(Explained, bpy.types.Operator):
-    """Show or hide the objects that the morph was made from. They are hidden when it is made"""
+    """Show or hide the objects that the morph was made from, also in renders. They are hidden when
+    it is made. Where it is gone, those in the panel are shown"""
 
     bl_idname = "pointmorph.show_shapes"
     bl_label = "Originals"
@@ -163,11 +164,16 @@ class POINTMORPH_OT_show_shapes(Explained, bpy.types.Operator):
 
     @staticmethod
     def reason(context):
-        return NO_RESULT if active_result(context) is None else None
+        gone = made_object(context) is None and not presentation.hidden_shapes(context)
+        return NO_RESULT if gone else None
 
     def execute(self, context):
-        obj = active_result(context)
-        presentation.show_shapes(context, obj, not presentation.shows_shapes(obj))
+        obj = made_object(context)
+        if obj is None:
+            for shape in presentation.hidden_shapes(context):
+                presentation.set_visible(context, shape, True)
+        else:
+            presentation.show_shapes(context, obj, not presentation.shows_shapes(obj))
         return {"FINISHED"}
 
 

@@ -4,11 +4,18 @@ import bpy
 import pointmorph
 
 from ..core import background_job
-from ..data import chains
+from ..data import chains, creation
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import blended_textures, morph_object, morphing_mesh, recipes, recomputation
+from ..scene import (
+    blended_textures,
+    morph_object,
+    morphing_mesh,
+    presentation,
+    recipes,
+    recomputation,
+)
 from .made_objects import made_object, made_reason
 from .modal_operator import Computing
 from .polls import Explained, busy_reason, say_made
@@ -37,6 +44,9 @@ class Recomputing(Computing):
         if self._in_window and len(self._plan.requests) == 1:
             request = self._plan.requests[0].without_looks()
             background_job.remember(request, outcome)
+        if not recipes.is_there(obj):  # deleted in the viewport; its mesh knows it
+            creation.link(context, obj)
+            presentation.set_visible(context, obj, False)
         said = morphing_mesh.remake(context, obj, self._plan, outcome)
         for words in recipes.gone_words(obj).values() if self._plan.missing else ():
             self.report({"WARNING"}, f"{words}. The points stored in the morph were used")

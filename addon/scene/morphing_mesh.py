@@ -21,6 +21,7 @@ from . import (
     recipes,
     recomputation,
     shape_follower,
+    slider_keys,
     stagger,
 )
 
@@ -166,7 +167,7 @@ def _take_uvs(copy, obj, source):
 
 def remake(context, obj, plan, outcome):
     """Puts what was computed again into a morph object and the copies of the source that were made
-    from it; or into a copy whose morph object is gone.
+    from it; or into a copy whose morph object is gone, which gets another one.
 
     Returns
     -------
@@ -190,14 +191,20 @@ def remake(context, obj, plan, outcome):
                     said.append(f'"{copy.name}" was left unchanged. {error}')
         return said + attribute_transfer.again(context, obj)
     provenance = plan.provenance(recipes.pointers_of(obj))
-    pairs = morph_builder.build(context, outcome, obj.name, provenance)
+    pairs = morph_builder.build(context, outcome, f"{obj.name} Points", provenance)
     try:
         recipes.remember(pairs, plan.recipe, outcome)
         said = remake_mesh(obj, pairs)
         said += attribute_transfer.again(context, obj)
         said += blended_textures.again(context, obj, outcome.drawn)
-    finally:
+        pairs.pointmorph.mesh = obj
+        slider_keys.follow(pairs, obj)
+        stagger.follow(pairs, obj)
+        pairs.hide_set(True, view_layer=context.view_layer)
+        pairs.hide_render = True
+    except BaseException:
         morph_builder.remove(pairs)
+        raise
     return said
 
 

@@ -19,6 +19,7 @@ from . import (
     recipes,
     slider_keys,
     stagger,
+    staleness,
 )
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
@@ -158,6 +159,18 @@ def shows_shapes(obj):
     """Whether one of the objects that a morph object was made from is to be seen."""
     shapes = [as_shown.original_of(s) for s in recipes.shapes_of(obj) if s is not None]
     return any(not shape.hide_get() for shape in shapes)
+
+
+def hidden_shapes(context):
+    """The picked objects that can't be seen, in the viewport or in renders, and are in the scene:
+    those of a morph that was deleted."""
+    shapes = [shape for shape in staleness.picked_shapes(context.scene) if shape is not None]
+    originals = [as_shown.original_of(shape) for shape in shapes]
+    return [
+        shape
+        for shape in originals
+        if shape.name in context.view_layer.objects and (shape.hide_get() or shape.hide_render)
+    ]
 
 
 def _add_mesh(context, obj):

@@ -9,7 +9,8 @@ from ..data.frame_settings import copy_frame_settings
 from ..data.masks import KINDS
 from ..data.registration import Registration
 from ..operators import clicks, polls
-from ..scene import as_shown, marked_points
+from ..operators.made_objects import made_object
+from ..scene import as_shown, marked_points, presentation
 from ..view import cut_curves
 from .panel import Panel, draw_problem, draw_progress, fields, has_points, say
 
@@ -60,6 +61,8 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
         row.operator("pointmorph.pick_selected")
         row.operator("pointmorph.swap_objects", text="", icon="ARROW_LEFTRIGHT")
         row.operator("pointmorph.add_to_chain", text="", icon="ADD")
+        if made_object(context) is None and presentation.hidden_shapes(context):
+            column.operator("pointmorph.show_shapes", text="Show Originals", icon="HIDE_ON")
         reason = polls.morph_reason(context)
         if reason is not None:
             say(layout, context, reason, "INFO")

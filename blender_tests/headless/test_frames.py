@@ -266,7 +266,6 @@ def check_faces(kind, read, expected):
         np.testing.assert_allclose(back, colors, atol=0.01 if kind == "ALEMBIC" else 1e-6)
 
 
-@pytest.mark.makes_faces
 def test_errors_begin_with_the_names_of_the_panel(morphed):
     with pytest.raises(RuntimeError, match="Error: Last: expected a frame after the first, 5"):
         bpy.ops.pointmorph.bake_frames(frame_start=5, frame_end=5)
@@ -274,6 +273,7 @@ def test_errors_begin_with_the_names_of_the_panel(morphed):
         bpy.ops.pointmorph.bake_frames(format="PLY", directory="//", frame_end=3)
 
 
+@pytest.mark.makes_faces
 def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeypatch):
     if surfaces.is_available():
         bake(step=8, faces=True, format="PLY", directory=str(tmp_path))

@@ -85,6 +85,53 @@ def test_one_button_brings_the_originals_back(painted):
             assert obj.hide_render != visible
 
 
+@pytest.mark.parametrize("by_user", [False, True])
+def test_the_originals_come_back_when_the_morph_is_deleted(painted, addon, by_user):
+    source, target, shown = painted
+    points = shown.pointmorph.made_from
+    points.hide_set(False)
+    if by_user:
+        select(shown)
+        points.select_set(True)
+        bpy.ops.object.delete()
+    else:
+        bpy.data.batch_remove([shown, points])
+    layout = Layout()
+    panel = addon("ui.panels").POINTMORPH_PT_morph
+    drawing = SimpleNamespace(layout=layout, _draw_between=panel._draw_between)
+    panel._draw_shapes(drawing, layout, drawing_context())
+    assert "show_shapes" in layout.drawn
+    assert bpy.ops.pointmorph.show_shapes() == {"FINISHED"}
+    for obj in (source, target):
+        assert obj.visible_get()
+        assert not obj.hide_render
+    assert not bpy.ops.pointmorph.show_shapes.poll()
+
+
+@pytest.mark.parametrize("by_user", [False, True])
+@pytest.mark.parametrize("operator", ["recompute", "morph"])
+def test_points_that_were_deleted_are_made_again(painted, by_user, operator):
+    _, _, shown = painted
+    points = shown.pointmorph.made_from
+    points.hide_set(False)
+    if by_user:
+        select(points)
+        bpy.ops.object.delete()
+    else:
+        bpy.data.objects.remove(points)
+    shown.data.shape_keys.key_blocks["Morph"].value = 0.25
+    select(shown)
+    assert getattr(bpy.ops.pointmorph, operator)() == {"FINISHED"}
+    points = shown.pointmorph.made_from
+    assert points.name == "Hill to Dune Points"
+    assert points in list(bpy.context.scene.objects)
+    assert (points.hide_get(), shown.hide_get()) == (True, False)
+    assert points.pointmorph.mesh == shown
+    assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
+    ends = key(points, "Basis"), key(points, "Morph")
+    np.testing.assert_allclose(shown_points(points), 0.75 * ends[0] + 0.25 * ends[1], atol=1e-6)
+
+
 def test_recompute_and_bakes_work_from_the_mesh(painted):
     source, _, shown = painted
     points = shown.pointmorph.made_from
