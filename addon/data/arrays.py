@@ -8,7 +8,12 @@ import numpy as np
 from ..core.stepping import finish
 
 SHAPE_TYPES = ("MESH", "POINTCLOUD")
-"""Types of objects that can be morphed."""
+"""Types of objects that can be morphed themselves."""
+
+MADE_TYPES = ("CURVE", "FONT", "META", "SURFACE")
+"""Types of objects of which a mesh is morphed that shows what they show."""
+
+MORPHED_TYPES = SHAPE_TYPES + MADE_TYPES
 
 # By type of attribute: the name of its values, and how many numbers each has.
 _VALUES = {

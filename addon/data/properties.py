@@ -18,7 +18,7 @@ from ..core.settings import (
     switch_tip,
 )
 from . import feature_list
-from .arrays import SHAPE_TYPES
+from .arrays import MORPHED_TYPES
 from .frame_settings import frame_settings
 from .registration import Registration
 from .transfer_settings import transfer_settings
@@ -235,7 +235,7 @@ def _settings(taken):
 
 
 def _is_shape(self, obj):
-    return obj.type in SHAPE_TYPES
+    return obj.type in MORPHED_TYPES
 
 
 def _sync(self, context):
@@ -252,7 +252,10 @@ class PointmorphShape(bpy.types.PropertyGroup):
     """A shape on the way from source to target."""
 
     object: bpy.props.PointerProperty(
-        name="Object", description="A mesh or a point cloud", type=bpy.types.Object, poll=_is_shape
+        name="Object",
+        description="A mesh, a point cloud, text, a curve, a surface or metaballs",
+        type=bpy.types.Object,
+        poll=_is_shape,
     )
 
 
@@ -261,16 +264,16 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
     source: bpy.props.PointerProperty(
         name="Source",
-        description="Mesh or point cloud that the morph starts from. It is used as the viewport "
-        "shows it, with modifiers and shape keys",
+        description="Object that the morph starts from: a mesh, a point cloud, text, a curve, a "
+        "surface or metaballs. It is used as the viewport shows it, with modifiers and shape keys",
         type=bpy.types.Object,
         poll=_is_shape,
         update=_sync,
     )
     target: bpy.props.PointerProperty(
         name="Target",
-        description="Mesh or point cloud that the morph ends at. It is used as the viewport shows "
-        "it, with modifiers and shape keys",
+        description="Object that the morph ends at: a mesh, a point cloud, text, a curve, a "
+        "surface or metaballs. It is used as the viewport shows it, with modifiers and shape keys",
         type=bpy.types.Object,
         poll=_is_shape,
         update=_sync,

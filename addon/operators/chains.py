@@ -20,7 +20,7 @@ class POINTMORPH_OT_add_to_chain(Explained, bpy.types.Operator):
     def reason(context):
         if _selected_shapes(context):
             return None
-        return "Select meshes or point clouds other than the source and target"
+        return "Select objects with faces or points other than the source and target"
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -40,7 +40,7 @@ def _selected_shapes(context):
     return [
         obj
         for obj in context.view_layer.objects.selected
-        if obj.type in arrays.SHAPE_TYPES and obj not in picked and not morph_object.is_made(obj)
+        if obj.type in arrays.MORPHED_TYPES and obj not in picked and not morph_object.is_made(obj)
     ]
 
 

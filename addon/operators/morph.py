@@ -7,6 +7,7 @@ import bpy
 from ..core import background_job, preview
 from ..core.settings import settings_values
 from ..data import chains
+from ..data.arrays import MADE_TYPES
 from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
@@ -50,7 +51,7 @@ class _Morphing(Recomputing):
     _value = 0.0  # of the key when the result comes
     _shown = ""  # name of the coarse morph's object
     _made = None  # what is computed again
-    _copy = None  # of the source as shown
+    _copies = ()  # references to those of shapes as shown, and how these were hidden
     _applied = _kept = ()  # names of what changes the source
 
     def invoke(self, context, event):
@@ -76,43 +77,39 @@ class _Morphing(Recomputing):
         return work
 
     def _take_as_shown(self, context):
-        """Makes a copy the source that has applied what can't go along with a morph."""
+        """Puts copies in place of a source with what can't go along with a morph applied, and of
+        all shapes that are no meshes."""
         settings = context.scene.pointmorph
-        source = settings.source
-        update(context, source)
-        names = as_shown.changed_by(context, source)
-        if names and source.pointmorph.keep_modifiers:
-            self._kept = names
-        elif names:
-            self._before = source.hide_get(), source.hide_render
-            copy = as_shown.copy_as_shown(context, source)
-            self._copy, self._applied = reference_to(copy), names
-            settings.source = copy
-            update(context, copy)
+        shapes = [shape for shape in staleness.picked_shapes(context.scene) if shape is not None]
+        update(context, *dict.fromkeys(shapes))
+        names = as_shown.changed_by(context, settings.source)
+        keeps = settings.source.pointmorph.keep_modifiers
+        self._kept, self._applied = (names, ()) if keeps else ((), names)
+        self._copies = []
+        for shape in dict.fromkeys(shapes):
+            if shape.type in MADE_TYPES or (shape == settings.source and self._applied):
+                before = shape.hide_get(), shape.hide_render
+                copy = as_shown.copy_as_shown(context, shape)
+                self._copies.append((reference_to(copy), *before))
+                _pick_instead(settings, shape, copy)
+                update(context, copy)
 
-    def _take_copy_back(self, context):
-        """After an error, or Esc, the source is what it was."""
-        copy, self._copy = find(bpy.data.objects, self._copy), None
-        if copy is None:
-            return
-        settings = context.scene.pointmorph
-        if settings.source == copy:
-            settings.source = copy.pointmorph.shown_from
-        as_shown.remove(copy, *self._before)
+    def _take_copies_back(self, context):
+        """After an error, or Esc, the shapes are what they were."""
+        copies, self._copies = self._copies, ()
+        for reference, *before in copies:
+            copy = find(bpy.data.objects, reference)
+            if copy is not None:
+                for scene in bpy.data.scenes:
+                    _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
+                as_shown.remove(copy, *before)
 
-    def execute(self, context):
-        _leave_mode(context)
-        done = super().execute(context)
-        if done == {"CANCELLED"}:
-            self._take_copy_back(context)
-        return done
-
-    def cancel(self, context):
-        super().cancel(context)
-        self._take_copy_back(context)
-
-    def _say_applied(self, obj):
-        """What became of the source's modifiers and shape keys."""
+    def _say_applied(self, obj, shapes):
+        """What became of the source's modifiers and shape keys, and of what is no mesh."""
+        made = [as_shown.original_of(shape) for shape in dict.fromkeys(shapes) if shape is not None]
+        made = [f'"{shape.name}"' for shape in made if shape.type in MADE_TYPES]
+        if made and self._copies:
+            self.report({"INFO"}, f"Morphed as meshes, which are copies: {', '.join(made)}")
         if self._applied:
             self.report(
                 {"INFO"},
@@ -126,6 +123,17 @@ class _Morphing(Recomputing):
                 f'"{obj.name}" keeps {", ".join(self._kept)} of the source: they change the target '
                 "as well. Turn off Keep Modifiers for a morph that ends exactly there",
             )
+
+    def execute(self, context):
+        _leave_mode(context)
+        done = super().execute(context)
+        if done == {"CANCELLED"}:
+            self._take_copies_back(context)
+        return done
+
+    def cancel(self, context):
+        super().cancel(context)
+        self._take_copies_back(context)
 
     def _begin_new(self, context, shapes):
         settings = context.scene.pointmorph
@@ -166,8 +174,10 @@ class _Morphing(Recomputing):
         """What `morph_builder.build` needs besides the outcome."""
         shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         known = [shape["name"] for shape in self._plan.recipe["shapes"]]
-        if self._copy is not None and shapes[0] is not None:
-            known[0] = as_shown.original_of(shapes[0]).name
+        copies = [reference for reference, *_ in self._copies]
+        for number, (shape, reference) in enumerate(zip(shapes, self._shapes, strict=True)):
+            if reference in copies and shape is not None:
+                known[number] = as_shown.original_of(shape).name
         name = " to ".join(known)
         return name, self._plan.provenance(shapes)
 
@@ -185,8 +195,19 @@ class _Morphing(Recomputing):
         again = self._made is not None
         with presentation.or_as_before(context, obj, not again):
             present(self, context, obj, outcome, again)
-        self._say_applied(obj)
+            self._say_applied(obj, recipes.shapes_of(obj))
         return {"FINISHED"}
+
+
+def _pick_instead(settings, shape, other):
+    """Has the panel pick another object wherever it has picked one."""
+    for owner, name in (
+        (settings, "source"),
+        *((item, "object") for item in settings.via),
+        (settings, "target"),
+    ):
+        if getattr(owner, name) == shape:
+            setattr(owner, name, other)
 
 
 def _leave_mode(context):

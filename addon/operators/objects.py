@@ -6,7 +6,7 @@ import pointmorph
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..scene import as_shown
-from .polls import SELECT, Explained, fail, pick_selected, selected_shapes
+from .polls import Explained, fail, pick_selected, select_reason
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
@@ -19,7 +19,7 @@ class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
 
     @staticmethod
     def reason(context):
-        return None if selected_shapes(context) else SELECT
+        return select_reason(context)
 
     def execute(self, context):
         pick_selected(context)

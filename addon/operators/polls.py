@@ -6,13 +6,13 @@ import pointmorph
 
 from ..core import background_job, done_steps
 from ..data import chains
-from ..data.arrays import SHAPE_TYPES
+from ..data.arrays import MORPHED_TYPES
 from ..scene import blended_textures, morph_object, object_looks, presentation, staleness
 from ..scene.shape_reader import is_in
 from . import shading
 
 NO_RESULT = "Morph first, or make a morph object the active object"
-SELECT = "Select two or more meshes or point clouds, the target last"
+SELECT = "Select two or more objects, the target last"
 
 _PLACES = (
     (pointmorph.FeatureError, "FEATURES"),
@@ -90,13 +90,24 @@ def selected_shapes(context):
     """The selected objects in the order in which they are morphed, the active one last; empty
     where they are fewer than two, or others among them."""
     shapes = sorted(context.selected_objects, key=lambda obj: obj.name)
-    if len(shapes) < 2 or any(obj.type not in SHAPE_TYPES for obj in shapes):
+    if len(shapes) < 2 or any(obj.type not in MORPHED_TYPES for obj in shapes):
         return []
     active = context.view_layer.objects.active
     if active in shapes:
         shapes.remove(active)
         shapes.append(active)
     return shapes
+
+
+def select_reason(context):
+    """Why the selected objects can't be morphed; None where they can."""
+    if selected_shapes(context):
+        return None
+    for obj in sorted(context.selected_objects, key=lambda obj: obj.name):
+        if obj.type not in MORPHED_TYPES:
+            kind = obj.bl_rna.properties["type"].enum_items[obj.type].name
+            return f'"{obj.name}" can\'t be morphed, because it has no faces or points ({kind})'
+    return SELECT
 
 
 def pick_selected(context):
@@ -121,7 +132,7 @@ def morph_reason(context):
     if morphs_selected(context):
         shapes = selected_shapes(context)
         if not shapes:
-            return SELECT
+            return select_reason(context)
     elif len(shapes) == 2 or shapes[0] is None or shapes[-1] is None:
         return shapes_reason(context)
     if None in shapes:

@@ -66,7 +66,7 @@ def _keys_that_show(obj):
 
 
 def changed_by(context, obj):
-    """What changes an object so that its own mesh can't be morphed and keep it, in words; empty
+    """What changes a source so that its own mesh can't be morphed and keep it, in words; empty
     where it can. The scene must be up to date."""
     if obj.type != "MESH" or morph_object.is_result(obj):
         return []
@@ -145,6 +145,13 @@ def copy_as_shown(context, obj):
             obj.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
         )
         created(mesh)
+        if obj.type != "MESH" and not len(mesh.polygons):
+            raise pointmorph.CloudError(
+                obj.name,
+                "faces in the viewport",
+                "none",
+                "Extrude, bevel or fill the curve, or choose another object.",
+            )
         if not len(mesh.vertices):
             raise pointmorph.CloudError(
                 obj.name,
@@ -152,11 +159,8 @@ def copy_as_shown(context, obj):
                 "none",
                 "Enable it, check its modifiers, or turn on Keep Modifiers.",
             )
-        copy = obj.copy()
+        copy = _copy(obj, mesh)
         created(copy)
-        _forget_morph(copy)
-        _remove_modifiers(copy)
-        copy.data = mesh
         if copy.parent_type in {"ARMATURE", "LATTICE"}:  # which would bend it once more
             copy.parent_type = "OBJECT"
         copy.name = mesh.name = f"{obj.name} as Shown"
@@ -171,6 +175,36 @@ def copy_as_shown(context, obj):
     obj.hide_set(True)
     if obj.is_editable:
         obj.hide_render = True
+    return copy
+
+
+_PLACE = (
+    "parent",
+    "parent_type",
+    "parent_bone",
+    "matrix_parent_inverse",
+    "rotation_mode",
+    "matrix_basis",
+    "delta_location",
+    "delta_rotation_euler",
+    "delta_rotation_quaternion",
+    "delta_scale",
+)
+"""What says where an object lies."""
+
+
+def _copy(obj, mesh):
+    """An object with this mesh in the place of another, with all that this has besides modifiers,
+    where both are meshes."""
+    if obj.type != "MESH":
+        copy = bpy.data.objects.new(obj.name, mesh)
+        for name in _PLACE:
+            setattr(copy, name, getattr(obj, name))
+        return copy
+    copy = obj.copy()
+    _forget_morph(copy)
+    _remove_modifiers(copy)
+    copy.data = mesh
     return copy
 
 

@@ -80,6 +80,8 @@ def unmarkable(context):
     for obj in (settings.source, settings.target):
         if obj.mode == "EDIT":
             return "Switch to Object Mode first"
+        if obj.type in arrays.MADE_TYPES:
+            return f'"{obj.name}" is no mesh: Morph makes one, where features can be marked'
         if obj.library is not None or obj.data.library is not None:
             return f'"{obj.name}" is linked from another file: make it local to mark features on it'
         if obj.type == "POINTCLOUD" and not len(obj.data.points):

@@ -90,7 +90,7 @@ def pick(context, area, region, view, at):
     direction = region_2d_to_vector_3d(region, view, at)
     best = None
     for obj in (settings.source, settings.target):
-        if not obj.visible_get(viewport=area.spaces.active):
+        if not obj.visible_get(viewport=area.spaces.active) or obj.type in arrays.MADE_TYPES:
             continue
         if obj.type == "MESH" and obj.data.polygons:
             found = nearest_on_surface(obj, origin, direction, depsgraph)

@@ -201,3 +201,89 @@ def test_after_an_error_the_source_is_itself(addon, mirrored, settings, monkeypa
     assert not mirrored.hide_get()
     assert not mirrored.hide_render
     assert {block for block in data_blocks() - before if "node_groups" not in block} == set()
+
+
+def add_other(kind):
+    """An object that is no mesh but has faces, turned and with a material."""
+    if kind == "FONT":
+        bpy.ops.object.text_add()
+        bpy.context.object.data.extrude = 0.1
+    elif kind == "CURVE":
+        bpy.ops.curve.primitive_bezier_circle_add()
+        bpy.context.object.data.bevel_depth = 0.2
+    elif kind == "META":
+        bpy.ops.object.metaball_add()
+    else:
+        bpy.ops.surface.primitive_nurbs_surface_sphere_add()
+    obj = bpy.context.object
+    obj.name = "Other"
+    obj.rotation_euler = (0.3, 0, 0)
+    obj.location = (0, 0, 4)
+    bpy.context.view_layer.update()
+    return obj
+
+
+def in_world(obj):
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    matrix = np.array(obj.matrix_world)
+    return coordinates(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("kind", ["FONT", "CURVE", "META", "SURFACE"])
+def test_what_is_no_mesh_is_morphed(settings, capfd, kind, side):
+    settings.show_as = "MESH"
+    other = add_other(kind)
+    places = in_world(other)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
+    ball = bpy.context.object
+    ball.name = "Ball"
+    pick(*((other, ball), (ball, other))[side])
+    shown = morph()
+    assert shown.name == ("Other to Ball", "Ball to Other")[side]
+    assert 'Morphed as meshes, which are copies: "Other"' in capfd.readouterr().out
+    assert (settings.source, settings.target)[side].name == "Other as Shown"
+    set_t(shown, side)
+    bpy.context.view_layer.update()
+    found = in_world(shown)
+    if side == 0:
+        np.testing.assert_allclose(found, places, atol=1e-5)
+    else:
+        low, high = places.min(axis=0), places.max(axis=0)
+        assert (found > low - 0.05).all()
+        assert (found < high + 0.05).all()
+        assert (np.ptp(found, axis=0) > 0.6 * (high - low)).all()
+    bpy.ops.pointmorph.show_shapes()
+    assert not other.hide_get()
+    assert not other.hide_render
+
+
+def test_what_shows_no_faces_is_refused(settings):
+    bpy.ops.curve.primitive_bezier_circle_add()
+    circle = bpy.context.object
+    target = add_mesh("Dune", *patch(9, bump=0.8))
+    pick(circle, target)
+    before = data_blocks()
+    assert "expected faces in the viewport, found none" in error_of(bpy.ops.pointmorph.morph)
+    assert settings.source == circle
+    assert not circle.hide_get()
+    assert data_blocks() == before
+
+
+def test_an_object_that_cannot_be_morphed_is_named(settings, addon):
+    add_mesh("Dune", *patch(9, bump=0.8)).select_set(True)
+    add_other("META").select_set(True)
+    bpy.ops.object.camera_add()
+    for obj in bpy.context.scene.objects:
+        obj.select_set(True)
+    reason = addon("operators.polls").morph_reason(bpy.context)
+    assert reason == '"Camera" can\'t be morphed, because it has no faces or points (Camera)'
+    bpy.data.objects["Camera"].select_set(False)
+    assert bpy.ops.pointmorph.pick_selected() == {"FINISHED"}
+
+
+def test_marks_wait_for_the_mesh_of_a_text(settings, addon):
+    pick(add_other("FONT"), add_mesh("Dune", *patch(9, bump=0.8)))
+    assert "is no mesh" in addon("scene.feature_marks").unmarkable(bpy.context)
+    assert not bpy.ops.pointmorph.propose_features.poll()
+    assert "expected a mesh" in error_of(bpy.ops.pointmorph.check_features)

@@ -356,7 +356,7 @@ def refused():
 
 
 def test_nothing_picked(settings):
-    assert "Select two or more meshes or point clouds, the target last" in refused()
+    assert "Select two or more objects, the target last" in refused()
     settings.source = add_mesh("Hill", *patch(8))
     assert "Choose a target first" in refused()
 
@@ -376,7 +376,7 @@ def test_an_object_that_was_removed(settings):
 
 def test_another_type(settings):
     pair()
-    settings.target = add_object("Rope", bpy.data.curves.new("Rope", "CURVE"))
+    settings.target = add_object("Rope", None)
     assert "Rope: expected a mesh or a point cloud" in refused()
 
 
