@@ -1,13 +1,15 @@
 """What modifiers and shape keys make of an object in the viewport. A morph starts from it: from a
 copy where a mesh that morphs can't have them as well, because they would change the target, too."""
 
+import contextlib
+
 import bpy
 import numpy as np
 import pointmorph
 
 from ..data import arrays, creation
 from ..data.feature_list import feature_groups
-from . import morph_builder, morph_object
+from . import morph_builder, morph_object, shape_reader
 
 _KEPT = {
     "COLLISION",
@@ -44,7 +46,7 @@ _AT_REST = {
 
 _ROUNDER = 0.01
 """Of the diagonal: how far Subdivision Surface may move vertices, on average, to stay. A ball of
-162 vertices moves by 0.005 and becomes a head to 0.005; one of 42 by 0.013 and to 0.013."""
+162 vertices is moved by 0.006 and ends 0.005 from a head; one of 42 by 0.022, and 0.013 from it."""
 
 
 def left_out(obj):
@@ -70,6 +72,8 @@ def changed_by(context, obj):
     where it can. The scene must be up to date."""
     if obj.type != "MESH" or morph_object.is_result(obj):
         return []
+    if not obj.evaluated_get(context.evaluated_depsgraph_get()).is_evaluated:
+        return []  # who reads it says why
     shown = [m for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
     names = [modifier.name for modifier in shown] + _keys_that_show(obj)
     rounding = bool(shown) and shown[-1].type == "SUBSURF"
@@ -140,9 +144,12 @@ def copy_as_shown(context, obj):
         When the viewport shows nothing of it.
     """
     depsgraph = context.evaluated_depsgraph_get()
+    evaluated = shape_reader.evaluated_of(obj, depsgraph)
+    if context.view_layer.objects.get(obj.name) != obj:
+        raise shape_reader.disabled(obj)
     with creation.all_or_nothing() as created:
         mesh = bpy.data.meshes.new_from_object(
-            obj.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+            evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
         )
         created(mesh)
         if obj.type != "MESH" and not len(mesh.polygons):
@@ -237,6 +244,9 @@ def remove(copy, hidden, not_rendered):
     """Takes a copy away, and shows its original as before."""
     original = copy.pointmorph.shown_from
     morph_builder.remove(copy)
-    original.hide_set(hidden)
+    if original is None:  # deleted meanwhile
+        return
+    with contextlib.suppress(RuntimeError):  # it isn't in this view layer any more
+        original.hide_set(hidden)
     if original.is_editable:
         original.hide_render = not_rendered

@@ -90,15 +90,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=()):
             f"an object of type {obj.type}",
             "Convert it (Object > Convert > Mesh), or choose another object.",
         )
-    depsgraph = context.evaluated_depsgraph_get()
-    evaluated = obj.evaluated_get(depsgraph)
-    if not evaluated.is_evaluated:
-        raise pointmorph.CloudError(
-            obj.name,
-            "an object that is enabled in this view layer",
-            "one that is disabled in viewports, or in a disabled collection",
-            "Enable it in the Outliner. Hiding it with the eye icon is fine.",
-        )
+    evaluated = evaluated_of(obj, context.evaluated_depsgraph_get())
     if obj.type == "POINTCLOUD":
         return _read_cloud(obj, evaluated.data)
     chosen = {}
@@ -128,6 +120,24 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=()):
     if len(obj.data.vertices) != len(shape.positions):
         raise _changed(obj)
     return shape
+
+
+def evaluated_of(obj, depsgraph):
+    """What the viewport shows of an object. Raises CloudError where it is disabled."""
+    evaluated = obj.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise disabled(obj)
+    return evaluated
+
+
+def disabled(obj):
+    """The error that an object isn't shown in the viewport."""
+    return pointmorph.CloudError(
+        obj.name,
+        "an object that is enabled in this view layer",
+        "one that is disabled in viewports, or in a disabled collection",
+        "Enable it in the Outliner. Hiding it with the eye icon is fine.",
+    )
 
 
 def _changed(obj):

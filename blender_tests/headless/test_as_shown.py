@@ -287,3 +287,18 @@ def test_marks_wait_for_the_mesh_of_a_text(settings, addon):
     assert "is no mesh" in addon("scene.feature_marks").unmarkable(bpy.context)
     assert not bpy.ops.pointmorph.propose_features.poll()
     assert "expected a mesh" in error_of(bpy.ops.pointmorph.check_features)
+
+
+def test_a_source_that_is_disabled_is_refused_in_words(mirrored, settings):
+    text = add_other("FONT")
+    hidden = bpy.data.collections.new("Hidden")
+    bpy.context.scene.collection.children.link(hidden)
+    for obj in (mirrored, text):
+        for collection in list(obj.users_collection):
+            collection.objects.unlink(obj)
+        hidden.objects.link(obj)
+    bpy.context.view_layer.layer_collection.children["Hidden"].exclude = True
+    for obj in (mirrored, text):
+        pick(obj, settings.target)
+        assert "Enable it in the Outliner" in error_of(bpy.ops.pointmorph.morph)
+        assert settings.source == obj
