@@ -121,6 +121,7 @@ def test_subdividing_carries_all_that_the_source_has(settings):
     add_group(source, "bone", {edge[0]: 1.0, edge[1]: 0.0})
     source.shape_key_add(name="Basis")
     wide = source.shape_key_add(name="Wide", from_mix=False)
+    wide.value = 0.0  # Blender 5 begins with 1
     wide.data.foreach_set("co", (positions * (2, 1, 1)).astype(np.float32).reshape(-1))
     uvs = read(source.data.uv_layers.active.data, "uv", 2)
     pick(source, target)
