@@ -3,8 +3,10 @@
 #include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <queue>
+#include <set>
 #include <utility>
 
 #include "base/angle.hpp"
@@ -44,14 +46,28 @@ struct Turn {
     }
 };
 
-/// What a triangle does on the whole way: a turn after a symmetric stretch.
+/// Sides of a triangle from its first corner.
+using Sides = Eigen::Matrix<double, 3, 2>;
+
+Sides sides_of(const ElasticSheet::Corners& corners) {
+    Sides sides;
+    sides << corners.col(1) - corners.col(0), corners.col(2) - corners.col(0);
+    return sides;
+}
+
+/// Twice the area of a triangle, toward where it faces.
+Vector3 facing_of(const Sides& sides) {
+    return sides.col(0).cross(Vector3(sides.col(1)));
+}
+
+/// What a triangle does on the whole way: a turn, after its sides have changed straight into those
+/// that it has in the end before the turn.
 struct Move {
     Turn turn;
-    Matrix3 stretch = Matrix3::Identity();
+    Sides unturned = Sides::Zero();
+    bool is_sure = true;  ///< its sides say how it turns
 
-    Matrix3 at(double t) const {
-        return turn.at(t) * ((1.0 - t) * Matrix3::Identity() + t * stretch);
-    }
+    Sides unturned_at(double t, const Sides& rest) const { return (1.0 - t) * rest + t * unturned; }
 };
 
 /// The vector of the same turn, with whole turns more or less, that is nearest to another.
@@ -83,40 +99,73 @@ Turn turn_near(const Vector3& rotation, const Turn& other) {
     return split.apart(other) < single.apart(other) ? split : single;
 }
 
-/// Sides from the first corner, and the normal at rest, where every triangle has an area.
-Matrix3 rest_frame(const Mesh& mesh, Index f) {
-    const auto t = mesh.triangles.row(f);
-    const Positions& x = mesh.positions;
-    Matrix3 frame;
-    frame << (x.row(t[1]) - x.row(t[0])).transpose(), (x.row(t[2]) - x.row(t[0])).transpose(),
-        mesh.normals.row(f).transpose();
-    return frame;
+/// Which way the plane that a triangle lies in faces, `around` what is around it. A triangle that
+/// lies against that doesn't turn over on the way, but collapses and comes out on the other side;
+/// the normal of one without a width is chance.
+Vector3 plane_normal(const Sides& sides, const Vector3& around) {
+    constexpr double kThin = 0.02;
+    const Vector3 own = facing_of(sides);
+    const double area = own.norm();
+    const double longest = std::max({sides.col(0).squaredNorm(), sides.col(1).squaredNorm(),
+                                     (sides.col(1) - sides.col(0)).squaredNorm()});
+    if (!(area > 0.0)) return around;
+    if (!(around.norm() > 0.0)) return own / area;
+    const double share = std::min(1.0, area / (kThin * longest));
+    const double toward = own.dot(around) < 0.0 ? -1.0 : 1.0;
+    return (share * toward / area * own + (1.0 - share) * around).normalized();
 }
 
-/// The same elsewhere. The normal is the triangle's own, or that of its surroundings where it has
-/// no area.
-Matrix3 end_frame(const Mesh& mesh, const Positions& x, const Normals& normals, Index f) {
-    const auto t = mesh.triangles.row(f);
-    const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
-    const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
-    Vector3 normal = u.cross(v);
-    constexpr double kThin = 1e-6;
-    if (!(normal.norm() > kThin * std::max(u.squaredNorm(), v.squaredNorm())))
-        normal = (normals.row(t[0]) + normals.row(t[1]) + normals.row(t[2])).transpose();
-    Matrix3 frame;
-    frame << u, v, normal.normalized();
-    return frame;
+/// Axes of a plane as columns, the first one along `along`, and its normal.
+Matrix3 axes_of(const Vector3& normal, const Vector3& along) {
+    const Vector3 within = along - along.dot(normal) * normal;
+    const double length = within.norm();
+    const Vector3 first =
+        length > 1e-9 * along.norm() ? Vector3(within / length) : Vector3(normal.unitOrthogonal());
+    Matrix3 axes;
+    axes << first, normal.cross(first), normal;
+    return axes;
+}
+
+/// The move of a triangle between planes across `normals`: within these it turns as its sides do on
+/// the average, by their weights, so that slivers turn as their long sides.
+Move move_between(const Sides& rest, const Sides& end, const std::array<Vector3, 2>& normals,
+                  const Vector3& weights) {
+    const Matrix3 turn =
+        Eigen::Quaterniond::FromTwoVectors(normals[0], normals[1]).toRotationMatrix();
+    const Matrix3 from = axes_of(normals[0], rest.col(0)), to = turn * from;
+    const Sides first = from.transpose() * rest, last = to.transpose() * end;
+    const auto side = [](const Sides& sides, int k) -> Eigen::Vector2d {
+        if (k == 0) return sides.col(0).head<2>();
+        return k == 1 ? Eigen::Vector2d((sides.col(1) - sides.col(0)).head<2>())
+                      : Eigen::Vector2d(-sides.col(1).head<2>());
+    };
+    double along = 0.0, across = 0.0, all = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        const Eigen::Vector2d is = side(first, k), becomes = side(last, k);
+        along += weights[k] * is.dot(becomes);
+        across += weights[k] * (is[0] * becomes[1] - is[1] * becomes[0]);
+        all += weights[k] * is.squaredNorm();
+    }
+    constexpr double kCollapsed = 0.02;
+    const Matrix3 within =
+        Eigen::AngleAxisd(angle_of(across, along), normals[1]).toRotationMatrix();
+    Move move;
+    move.turn.whole = turn_of(within * turn);
+    move.is_sure = Eigen::Vector2d(along, across).norm() > kCollapsed * all;
+    return move;
 }
 
 /// Triangles that share an edge turn the same way round: from the one that turns least in each
-/// part, over the edges where turns differ least.
+/// part, over the edges where turns differ least. Those that collapse turn as their neighbors.
 void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
     const MeshEdges edges(triangles);
     const auto count = to_index(moves.size());
     std::vector<Index> order(to_size(count));
     for (Index f = 0; f < count; ++f) order[to_size(f)] = f;
-    std::ranges::stable_sort(order, {},
-                             [&](Index f) { return moves[to_size(f)].turn.whole.norm(); });
+    std::ranges::stable_sort(order, {}, [&](Index f) {
+        const Move& move = moves[to_size(f)];
+        return std::pair(!move.is_sure, move.turn.whole.norm());
+    });
     using Step = std::pair<double, std::pair<Index, Index>>;  // difference; to, from
     std::priority_queue<Step, std::vector<Step>, std::greater<>> steps;
     std::vector<char> is_done(to_size(count), 0);
@@ -126,8 +175,11 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
             for (const MeshEdges::Side& side : edges[edges.edge_of(f, k)]) {
                 const Index other = side.triangle;
                 if (is_done[to_size(other)]) continue;
-                const Turn &here = moves[to_size(f)].turn, &there = moves[to_size(other)].turn;
-                steps.push({turn_near(there.whole, here).apart(here), {other, f}});
+                const Turn& here = moves[to_size(f)].turn;
+                const Move& there = moves[to_size(other)];
+                const double apart =
+                    there.is_sure ? turn_near(there.turn.whole, here).apart(here) : 0.0;
+                steps.push({apart, {other, f}});
             }
     };
     for (const Index seed : order) {
@@ -137,12 +189,67 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
             const auto [f, from] = steps.top().second;
             steps.pop();
             if (is_done[to_size(f)]) continue;
-            Turn& turn = moves[to_size(f)].turn;
-            turn = turn_near(turn.whole, moves[to_size(from)].turn);
+            Move& move = moves[to_size(f)];
+            const Turn& other = moves[to_size(from)].turn;
+            move.turn = move.is_sure ? turn_near(move.turn.whole, other) : other;
             finish(f);
         }
     }
 }
+
+/// Which way the planes of triangles face at some places.
+class PlaneNormals {
+public:
+    PlaneNormals(const ElasticSheet& sheet, const Mesh& mesh, const Positions& x,
+                 Progress& progress)
+        : mesh_(mesh),
+          of_places_(sheet.normals(x, progress)),
+          of_parts_(Normals::Zero(mesh.part_areas.size(), 3)) {
+        const Eigen::Index parts = mesh.part_areas.size();
+        Positions centers = Positions::Zero(parts, 3);
+        Values counts = Values::Zero(parts), heights = Values::Zero(parts),
+               sizes = Values::Zero(parts);
+        for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f)
+            of_parts_.row(part_of(f)) += facing_of(sides_of(sheet.places(x, f))).transpose();
+        for (Eigen::Index p = 0; p < parts; ++p)
+            if (const double length = of_parts_.row(p).norm(); length > 0.0)
+                of_parts_.row(p) /= length;
+        const auto each = [&](auto&& take) {
+            for (Index v = 0; v < x.rows(); ++v)
+                if (const Index part = mesh.parts[to_size(v)]; part >= 0) take(v, part);
+        };
+        each([&](Index v, Index part) {
+            centers.row(part) += x.row(v);
+            counts[part] += 1.0;
+        });
+        each([&](Index v, Index part) {
+            const Eigen::RowVector3d off = x.row(v) - centers.row(part) / counts[part];
+            heights[part] = std::max(heights[part], std::abs(off.dot(of_parts_.row(part))));
+            sizes[part] = std::max(sizes[part], off.norm());
+        });
+        constexpr double kFlat = 0.01;
+        for (Eigen::Index p = 0; p < parts; ++p)
+            is_flat_.push_back(heights[p] <= kFlat * sizes[p] && !of_parts_.row(p).isZero(0.0));
+    }
+
+    /// Whether the triangle's part lies in a plane.
+    bool is_flat(Index f) const { return is_flat_[to_size(part_of(f))]; }
+
+    Vector3 of(Index f, const Sides& sides, bool in_flat) const {
+        if (in_flat) return of_parts_.row(part_of(f)).transpose();
+        Vector3 around = Vector3::Zero();
+        for (Index k = 0; k < 3; ++k) around += of_places_.row(mesh_.triangles(f, k)).transpose();
+        if (const double length = around.norm(); length > 0.0) around /= length;
+        return plane_normal(sides, around);
+    }
+
+private:
+    Index part_of(Index f) const { return mesh_.parts[to_size(mesh_.triangles(f, 0))]; }
+
+    const Mesh& mesh_;
+    Normals of_places_, of_parts_;
+    std::vector<char> is_flat_;
+};
 
 }  // namespace
 
@@ -166,22 +273,33 @@ struct MeshMotion::Bend {
         : mesh(rest),
           sheet(rest.positions, rest.triangles, progress),
           moves(to_size(rest.triangles.rows())) {
-        const Normals end_normals = sheet.normals(ends, progress);
-        parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
-            for (Index f = begin; f < end; ++f) {
-                const Matrix3 linear =
-                    end_frame(mesh, ends, end_normals, f) * rest_frame(mesh, f).inverse();
-                const Matrix3 rotation = best_rotation(linear).rotation;
-                const Matrix3 stretch = rotation.transpose() * linear;
-                moves[to_size(f)] = {{turn_of(rotation), Vector3::Zero()},
-                                     0.5 * (stretch + stretch.transpose())};
-            }
-        });
-        make_turns_agree(mesh.triangles, moves);
+        find_moves(ends, progress);
         find_least(ends, progress);
         // What a surface of a million places takes would be a gigabyte.
         constexpr Index kMost = 400000;
         if (mesh.positions.rows() <= kMost) factorize(progress);
+    }
+
+    void find_moves(const Positions& ends, Progress& progress) {
+        const PlaneNormals before(sheet, mesh, mesh.positions, progress),
+            after(sheet, mesh, ends, progress);
+        parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f) {
+                const Sides from = sides_of(sheet.places(mesh.positions, f)),
+                            to = sides_of(sheet.places(ends, f));
+                const bool is_flat = before.is_flat(f) && after.is_flat(f);
+                moves[to_size(f)] =
+                    move_between(from, to, {before.of(f, from, is_flat), after.of(f, to, is_flat)},
+                                 sheet.weights(f));
+            }
+        });
+        make_turns_agree(mesh.triangles, moves);
+        parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f) {
+                Move& move = moves[to_size(f)];
+                move.unturned = move.turn.at(1.0).transpose() * sides_of(sheet.places(ends, f));
+            }
+        });
     }
 
     void factorize(Progress& progress) {
@@ -208,8 +326,8 @@ struct MeshMotion::Bend {
 
     /// A triangle at t as its own stretch has it: sides from the first corner, in its plane.
     Matrix2 sides_at(Index f, double t) const {
-        const Matrix3 now =
-            ((1.0 - t) * Matrix3::Identity() + t * moves[to_size(f)].stretch) * rest_frame(mesh, f);
+        const Sides now =
+            moves[to_size(f)].unturned_at(t, sides_of(sheet.places(mesh.positions, f)));
         const Vector3 u = now.col(0), v = now.col(1);
         Matrix2 sides;
         sides << u.norm(), u.dot(v) / u.norm(), 0.0, u.cross(v).norm() / u.norm();
@@ -231,25 +349,23 @@ struct MeshMotion::Bend {
         return result;
     }
 
-    /// Of the triangles: the cosine between each and the planes at its corners; 1 without an area.
-    std::vector<double> agreements(const Normals& planes, const Positions& x,
-                                   Progress& progress) const {
+    /// Of the triangles: the cosine between each and the planes at its corners, times its area over
+    /// what that would be, where it is less; 1 without an area. It passes through zero as a
+    /// triangle turns over within its plane.
+    std::vector<double> agreements(const Normals& planes, const std::vector<Vector3>& facing,
+                                   const Positions& x, Progress& progress) const {
         std::vector<double> result(moves.size(), 1.0);
         parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
-                const Vector3 normal = facing_of(sheet.places(x, f));
+                const Vector3 normal = facing_of(sides_of(sheet.places(x, f)));
                 Vector3 plane = Vector3::Zero();
                 for (Index k = 0; k < 3; ++k) plane += planes.row(mesh.triangles(f, k)).transpose();
-                if (const double length = normal.norm() * plane.norm(); length > 0.0)
+                const double area = std::max(normal.norm(), facing[to_size(f)].norm());
+                if (const double length = area * plane.norm(); length > 0.0)
                     result[to_size(f)] = normal.dot(plane) / length;
             }
         });
         return result;
-    }
-
-    /// Twice the area of a triangle, toward where it faces.
-    static Vector3 facing_of(const ElasticSheet::Corners& corners) {
-        return (corners.col(1) - corners.col(0)).cross(Vector3(corners.col(2) - corners.col(0)));
     }
 
     /// What lies against its surroundings at an end may do so on the way.
@@ -257,8 +373,9 @@ struct MeshMotion::Bend {
         constexpr double kNever = -2.0, kRounding = 1e-6;
         least.assign(moves.size(), kSteep);
         for (const Positions* x : {&mesh.positions, &ends}) {
+            const std::vector<Vector3> facings = facings_at(*x);
             const std::vector<double> now =
-                agreements(planes(facings_at(*x), progress), *x, progress);
+                agreements(planes(facings, progress), facings, *x, progress);
             for (std::size_t f = 0; f < now.size(); ++f)
                 least[f] = std::min(least[f], now[f] < kRounding ? kNever : now[f] - kRounding);
         }
@@ -268,37 +385,72 @@ struct MeshMotion::Bend {
     std::vector<Vector3> facings_at(const Positions& x) const {
         std::vector<Vector3> result(moves.size());
         for (Index f = 0; f < to_index(result.size()); ++f)
-            result[to_size(f)] = facing_of(sheet.places(x, f));
+            result[to_size(f)] = facing_of(sides_of(sheet.places(x, f)));
+        return result;
+    }
+
+    /// 1 where what gives way around a triangle is a small piece of its part, which the rest holds;
+    /// down to 0 where it would be much of the part, as on coarse meshes: nothing would say where
+    /// that goes.
+    double locality(Index f, int rings) const {
+        constexpr double kSmall = 0.05, kMuch = 0.1;
+        const double whole = mesh.part_areas[mesh.parts[to_size(mesh.triangles(f, 0))]];
+        std::set<Index> inside{f};
+        std::vector<Index> front{f};
+        double area = mesh.areas[f];
+        for (int ring = 0; ring < rings && area < kMuch * whole; ++ring) {
+            std::vector<Index> next;
+            for (const Index face : front)
+                for (Index k = 0; k < 3; ++k)
+                    for (const Index c : sheet.around(mesh.triangles(face, k)))
+                        if (inside.insert(c / 3).second) next.push_back(c / 3);
+            for (const Index face : next) area += mesh.areas[face];
+            front = std::move(next);
+        }
+        return std::clamp((kMuch - area / whole) / (kMuch - kSmall), 0.0, 1.0);
+    }
+
+    /// Of triangles: how far each is turned back at `x`. Nothing jumps when one begins to be: in
+    /// full once it lies against.
+    std::vector<double> shares(const std::vector<Vector3>& facing, const WrapPartners& onto,
+                               int rings, const Positions& x, Progress& progress) const {
+        std::vector<double> result = agreements(onto.normals, facing, x, progress);
+        parallel_for(to_index(result.size()), progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f) {
+                double& share = result[to_size(f)];
+                share = std::clamp((least[to_size(f)] - share) / kSteep, 0.0, 1.0);
+                if (share > 0.0) share *= locality(f, rings);
+            }
+        });
         return result;
     }
 
     /// Turns triangles back that lie against where those around would face, and then those that lie
     /// against where they do; but for what does so at one of the ends.
-    void turn_back(double t, const std::vector<Vector3>& facing, Positions& x,
-                   Progress& progress) const {
+    void turn_back(double t, std::vector<Vector3> facing, Positions& x, Progress& progress) const {
         WrapPartners onto{x, planes(facing, progress)};
-        std::vector<double> now;
-        const auto find = [&] {
-            now = agreements(onto.normals, x, progress);
-            return std::ranges::mismatch(now, least, std::greater_equal<>{}).in1 != now.end();
-        };
+        std::vector<double> share;
         UntangleOptions options;
-        options.plane_length *= std::sqrt(mesh.area());
-        options.concerns = [&](Index f) { return now[to_size(f)] < least[to_size(f)]; };
+        const double size = std::sqrt(mesh.area());
+        options.plane_length *= size;
+        options.reach = 0.1 * size;
+        options.least_agreement = 2.0;  // those of which there is a share
+        options.concerns = [&](Index f) { return share[to_size(f)] > 0.0; };
         options.sides = [&](Index f) { return sides_at(f, t); };
         options.is_exact = true;
-        // Nothing jumps when a triangle begins to be turned back: in full once it lies against.
-        options.share = [&](Index f) {
-            const double steep = least[to_size(f)];
-            return std::clamp((steep - now[to_size(f)]) / steep, 0.0, 1.0);
-        };
+        options.share = [&](Index f) { return share[to_size(f)]; };
         const std::vector<char> none(to_size(x.rows()), 0);
+        const auto is_done = [&] {
+            share = shares(facing, onto, options.rings, x, progress);
+            return std::ranges::all_of(share, [](double s) { return s == 0.0; });
+        };
         constexpr int kRounds = 3;
-        for (int round = 0; round < kRounds && find(); ++round)
+        for (int round = 0; round < kRounds && !is_done(); ++round)
             untangle(mesh, sheet, onto, none, options, x, progress);
         for (int round = 0; round < kRounds; ++round) {
-            onto = {x, planes(facings_at(x), progress)};
-            if (!find()) return;
+            facing = facings_at(x);
+            onto = {x, planes(facing, progress)};
+            if (is_done()) return;
             untangle(mesh, sheet, onto, none, options, x, progress);
         }
     }
@@ -308,9 +460,12 @@ struct MeshMotion::Bend {
         std::vector<Vector3> facing(moves.size());  // where each triangle's own move has it face
         const Positions right = sheet.forces_toward(
             [&](Index f) {
-                const ElasticSheet::Corners corners =
-                    moves[to_size(f)].at(t) * sheet.places(mesh.positions, f);
-                facing[to_size(f)] = facing_of(corners);
+                const Move& move = moves[to_size(f)];
+                ElasticSheet::Corners corners = ElasticSheet::Corners::Zero();
+                corners.rightCols<2>() =
+                    move.turn.at(t) *
+                    move.unturned_at(t, sides_of(sheet.places(mesh.positions, f)));
+                facing[to_size(f)] = facing_of(corners.rightCols<2>());
                 return corners;
             },
             progress);
@@ -323,7 +478,7 @@ struct MeshMotion::Bend {
             solve(sheet.laplacian(), none, right, {.most_iterations = 300, .tolerance = 1e-5}, x,
                   progress);
         }
-        turn_back(t, facing, x, progress);
+        turn_back(t, std::move(facing), x, progress);
         Positions shifts = Positions::Zero(mesh.part_areas.size(), 3);
         Values counts = Values::Zero(mesh.part_areas.size());
         for (Index p = 0; p < x.rows(); ++p) {

@@ -51,6 +51,11 @@ public:
     template <class Kept = double, class Would>
     Positions forces_toward(Would&& would, Progress& progress) const;
 
+    /// How much each side of a triangle counts, from corner k to the next: its half cotangents.
+    Vector3 weights(Index triangle) const {
+        return kept_[to_size(triangle)].weights.cast<double>();
+    }
+
     using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
     Corners places(const Positions& x, Index f) const;
 

@@ -33,7 +33,8 @@ double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& 
 class Energy {
 public:
     Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
-           const MeshPatch& patch, std::vector<Index>& number, const UntangleOptions& options)
+           const MeshPatch& patch, std::vector<Index>& number, const UntangleOptions& options,
+           const Positions& start, const Values& shares)
         : mesh_(mesh), planes_(planes), patch_(patch), number_(number) {
         for (const Index f : patch.faces) {
             const Vector3 normal = plane_at(mesh, planes, f);
@@ -54,6 +55,11 @@ public:
                 const Index v = number_[to_size(mesh.triangles(patch.faces[i], k))];
                 if (v >= 0) weights_[v] += faces_[i].area / 3.0 / (plane_length * plane_length);
             }
+        if (!(options.reach > 0.0)) return;
+        constexpr double kLeast = 0.05;
+        const double scale = plane_length / options.reach;
+        pulls_ = scale * scale * weights_.cwiseQuotient(shares.cwiseMax(kLeast));
+        start_ = start(patch.vertices, Eigen::all);
     }
 
     /// The least determinant of a face's map.
@@ -69,21 +75,27 @@ public:
         double sum = 0.0;
         if (gradient) gradient->setZero(static_cast<Eigen::Index>(3 * patch_.vertices.size()));
         for (std::size_t i = 0; i < faces_.size(); ++i) {
+            const Sides in_space = sides_at(i, x) * faces_[i].inverse;
             const Matrix2 j = jacobian(i, x);
             const double d = j.determinant(), root = Eigen::Vector2d(soft, d).norm();
             const double chi = d > 0.0 ? 0.5 * (d + root) : 0.5 * soft * soft / (root - d);
-            const double bend = j.squaredNorm() + kArea * (d * d + 1.0);
+            const bool is_flat = pulls_.size() == 0;
+            const double bend =
+                (is_flat ? j.squaredNorm() : in_space.squaredNorm()) + kArea * (d * d + 1.0);
             sum += faces_[i].area * bend / chi;
             if (!gradient) continue;
             Matrix2 of_determinant;
             of_determinant << j(1, 1), -j(1, 0), -j(0, 1), j(0, 0);
             const double slope = 0.5 * (1.0 + d / root);
-            const Matrix2 by_jacobian =
-                (2.0 * j + (2.0 * kArea * d - bend / chi * slope) * of_determinant) / chi;
-            const Eigen::Matrix<double, 3, 2> by_sides = faces_[i].area *
-                                                         faces_[i].axes.transpose() * by_jacobian *
-                                                         faces_[i].inverse.transpose();
-            add(*gradient, patch_.faces[i], by_sides);
+            const double by_root = 2.0 * kArea * d - bend / chi * slope;
+            const auto& axes = faces_[i].axes;
+            const Sides by_jacobian =
+                is_flat
+                    ? Sides(faces_[i].area * axes.transpose() *
+                            Matrix2((2.0 * j + by_root * of_determinant) / chi))
+                    : Sides(faces_[i].area *
+                            (2.0 * in_space + axes.transpose() * (by_root * of_determinant)) / chi);
+            add(*gradient, patch_.faces[i], by_jacobian * faces_[i].inverse.transpose());
         }
         for (std::size_t v = 0; v < patch_.vertices.size(); ++v) {
             const Index vertex = patch_.vertices[v];
@@ -93,11 +105,16 @@ public:
             sum += weights_[row] * off * off;
             if (gradient)
                 gradient->segment<3>(3 * row) += 2.0 * weights_[row] * off * n.transpose();
+            if (pulls_.size() == 0) continue;
+            const Eigen::RowVector3d way = x.row(vertex) - start_.row(row);
+            sum += pulls_[row] * way.squaredNorm();
+            if (gradient) gradient->segment<3>(3 * row) += 2.0 * pulls_[row] * way.transpose();
         }
         return sum;
     }
 
 private:
+    using Sides = Eigen::Matrix<double, 3, 2>;
     static constexpr double kArea = 1.0;  ///< how much areas count against angles
 
     struct Face {
@@ -106,15 +123,18 @@ private:
         double area;
     };
 
-    Matrix2 jacobian(std::size_t i, const Positions& x) const {
+    Sides sides_at(std::size_t i, const Positions& x) const {
         const auto t = mesh_.triangles.row(patch_.faces[i]);
-        Eigen::Matrix<double, 3, 2> sides;
+        Sides sides;
         sides << (x.row(t[1]) - x.row(t[0])).transpose(), (x.row(t[2]) - x.row(t[0])).transpose();
-        return faces_[i].axes * sides * faces_[i].inverse;
+        return sides;
     }
 
-    void add(Eigen::VectorXd& gradient, Index f,
-             const Eigen::Matrix<double, 3, 2>& by_sides) const {
+    Matrix2 jacobian(std::size_t i, const Positions& x) const {
+        return faces_[i].axes * sides_at(i, x) * faces_[i].inverse;
+    }
+
+    void add(Eigen::VectorXd& gradient, Index f, const Sides& by_sides) const {
         const auto t = mesh_.triangles.row(f);
         const auto put = [&](Index vertex, const Vector3& g) {
             if (const Index v = number_[to_size(vertex)]; v >= 0) gradient.segment<3>(3 * v) += g;
@@ -130,6 +150,8 @@ private:
     const std::vector<Index>& number_;  ///< of the patch's vertices; −1 for all others
     std::vector<Face> faces_;
     Values weights_;
+    Values pulls_;     ///< toward `start_`; none where nothing pulls
+    Positions start_;  ///< of the patch's vertices
 };
 
 /// A patch's vertices, moved.
@@ -191,13 +213,38 @@ void descend(const Energy& energy, const MeshPatch& patch, double soft, int most
     put(patch, at, x);
 }
 
-double share_of(const MeshPatch& patch, const std::vector<char>& is_bad,
-                const UntangleOptions& options) {
-    if (!options.share) return 1.0;
-    double share = 0.0;
-    for (const Index f : patch.faces)
-        if (is_bad[to_size(f)]) share = std::max(share, options.share(f));
-    return share;
+/// Of faces: how far bad faces within so many rings take them along.
+std::vector<double> shares_of(const Mesh& mesh, const ElasticSheet& sheet,
+                              const std::vector<Index>& bad, const UntangleOptions& options) {
+    std::vector<double> shares(to_size(mesh.triangles.rows()), 0.0);
+    for (const Index f : bad) shares[to_size(f)] = options.share ? options.share(f) : 1.0;
+    std::vector<Index> front = bad;
+    for (int ring = 0; ring < options.rings; ++ring) {
+        std::vector<std::pair<Index, double>> larger;
+        for (const Index f : front)
+            for (Index k = 0; k < 3; ++k)
+                for (const Index c : sheet.around(mesh.triangles(f, k)))
+                    if (shares[to_size(c / 3)] < shares[to_size(f)])
+                        larger.emplace_back(c / 3, shares[to_size(f)]);
+        front.clear();
+        for (const auto& [f, share] : larger) {
+            if (!(shares[to_size(f)] < share)) continue;
+            shares[to_size(f)] = share;
+            front.push_back(f);
+        }
+    }
+    return shares;
+}
+
+/// Of a patch's vertices: how far the faces around each let it be taken along.
+Values shares_of(const MeshPatch& patch, const ElasticSheet& sheet,
+                 const std::vector<double>& of_faces) {
+    Values result = Values::Ones(to_index(patch.vertices.size()));
+    for (Index v = 0; v < result.size(); ++v) {
+        for (const Index c : sheet.around(patch.vertices[to_size(v)]))
+            result[v] = std::min(result[v], of_faces[to_size(c / 3)]);
+    }
+    return result;
 }
 
 /// Takes patches back to where they were at `start` where more became worse than better.
@@ -234,6 +281,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     const std::vector<MeshPatch> patches =
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
     const Positions start = options.creases ? x : Positions();
+    const std::vector<double> of_faces = shares_of(mesh, sheet, bad, options);
     parallel_for(
         to_index(patches.size()), progress,
         [&](Index begin, Index end) {
@@ -243,10 +291,9 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                 if (patch.vertices.empty()) continue;
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v)
                     number[to_size(patch.vertices[v])] = to_index(v);
-                const double share = share_of(patch, is_bad, options);
-                const Positions before_all =
-                    share < 1.0 ? Positions(x(patch.vertices, Eigen::all)) : Positions();
-                const Energy energy(mesh, sheet, planes, patch, number, options);
+                const Values shares = shares_of(patch, sheet, of_faces);
+                const Positions before_all = x(patch.vertices, Eigen::all);
+                const Energy energy(mesh, sheet, planes, patch, number, options, x, shares);
                 double least = energy.least_determinant(x);
                 constexpr double kHard = 1e-3, kRough = 1e-6, kExact = 1e-13;
                 for (int round = 0; round < options.most_rounds; ++round) {
@@ -260,7 +307,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v) {
                     const Index vertex = patch.vertices[v];
                     number[to_size(vertex)] = -1;
-                    if (share < 1.0)
+                    if (const double share = shares[to_index(v)]; share < 1.0)
                         x.row(vertex) =
                             (1.0 - share) * before_all.row(to_index(v)) + share * x.row(vertex);
                 }

@@ -28,8 +28,13 @@ struct UntangleOptions {
     std::function<Matrix2(Index)> sides = {};
     /// Whether the least energy is found to many digits, as for places that are to change smoothly.
     bool is_exact = false;
+    /// Faces are measured in space instead of by what of them is seen in the planes, and vertices
+    /// are drawn to where they were, by as much as a stretch at this distance: on a coarse mesh the
+    /// planes alone hold next to nothing. None where it's 0.
+    double reach = 0.0;
     /// How far a face that is to be turned back takes its surroundings along, 0 to 1; all the way
-    /// where there is none. Of several near each other, the one that takes them farthest counts.
+    /// where there is none. Of several within reach of a vertex, the one that takes it farthest
+    /// counts.
     std::function<double(Index)> share = {};
     /// Surroundings in which more sides of faces would become creases than faces are turned back
     /// stay as they were, where these are given.

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <functional>
 #include <numbers>
+#include <random>
 
 #include "mesh/mesh_edges.hpp"
 #include "mesh_shapes.hpp"
@@ -311,6 +312,88 @@ TEST(MeshMotion, IsTheSameForAnyNumberOfThreads) {
     const Positions all = Trip(cloud, ends, PathKind::kRigid).motion.at(0.4);
     const ThreadCount one(1);
     EXPECT_EQ(Trip(cloud, ends, PathKind::kRigid).motion.at(0.4), all);
+}
+
+/// Vertices moved at random by up to so much along each axis.
+Positions shaken(const Positions& positions, const Vector3& most, unsigned seed) {
+    std::mt19937 random(seed);
+    Positions result = positions;
+    for (Index v = 0; v < result.rows(); ++v)
+        for (Index k = 0; k < 3; ++k) {
+            const double share = static_cast<double>(random()) / 4294967296.0;
+            result(v, k) += (2.0 * share - 1.0) * most[k];
+        }
+    return result;
+}
+
+/// The longest step of a vertex between two of 201 times, over what the fastest needs evenly.
+double unevenness(const Trip& trip) {
+    constexpr int kSteps = 200;
+    Positions last = trip.motion.at(0.0);
+    double longest = 0.0;
+    for (int k = 1; k <= kSteps; ++k) {
+        const Positions now = trip.motion.at(k / static_cast<double>(kSteps));
+        longest = std::max(longest, (now - last).rowwise().norm().maxCoeff());
+        last = now;
+    }
+    return longest * kSteps / (trip.ends - trip.cloud.positions).rowwise().norm().maxCoeff();
+}
+
+/// How far vertices are outside the box around both ends, over its diagonal.
+double outside(const Trip& trip) {
+    const auto least =
+        trip.cloud.positions.colwise().minCoeff().cwiseMin(trip.ends.colwise().minCoeff()).eval();
+    const auto most =
+        trip.cloud.positions.colwise().maxCoeff().cwiseMax(trip.ends.colwise().maxCoeff()).eval();
+    double result = 0.0;
+    for (int k = 1; k < kTimes; ++k) {
+        const Positions now = trip.motion.at(k / static_cast<double>(kTimes));
+        for (Index v = 0; v < now.rows(); ++v)
+            result =
+                std::max({result, (least - now.row(v)).maxCoeff(), (now.row(v) - most).maxCoeff()});
+    }
+    return result / (most - least).norm();
+}
+
+TEST(MeshMotion, CoarseMeshesNeitherJumpNorFlyAway) {
+    SKIP_WHERE_WATCHED();
+    for (unsigned seed = 1; seed <= 6; ++seed) {
+        // Walls of long slivers, and two disks of one face each.
+        const Cloud bar = tube(2, 16);
+        Positions ends = shaken(bar.positions, Vector3(0.3, 0.15, 0.15), seed);
+        ends.topRows(4).rowwise() = ends.row(0).eval();  // faces that collapse
+        const Trip trip(bar, ends, PathKind::kRigid);
+        EXPECT_LT(unevenness(trip), 4.0) << seed;
+        EXPECT_LT(outside(trip), 0.15) << seed;
+        const Cloud ball = mesh_shapes::icosphere(1);
+        const Trip rough(ball, shaken(ball.positions, Vector3::Constant(0.6), seed),
+                         PathKind::kRigid);
+        EXPECT_LT(unevenness(rough), 4.0) << seed;
+        EXPECT_LT(outside(rough), 0.15) << seed;
+    }
+}
+
+TEST(MeshMotion, WhatIsFlatStaysInItsPlane) {
+    Cloud grid;
+    constexpr Index kSide = 9;
+    grid.positions.resize(kSide * kSide, 3);
+    for (Index v = 0; v < kSide * kSide; ++v) grid.positions.row(v) << v % kSide, v / kSide, 0.0;
+    for (Index row = 0; row + 1 < kSide; ++row)
+        for (Index v = row * kSide; v + 1 < (row + 1) * kSide; ++v)
+            mesh_shapes::add_face(grid.faces, {v, v + 1, v + kSide + 1, v + kSide});
+    const Matrix3 turn = Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()).toRotationMatrix();
+    grid.positions = grid.positions * turn.transpose();
+    for (unsigned seed = 1; seed <= 3; ++seed) {
+        // Many faces turn over in the plane.
+        const Positions flat = shaken(grid.positions * turn, Vector3(0.9, 0.9, 0.0), seed);
+        const Trip trip(grid, flat * turn.transpose(), PathKind::kRigid);
+        EXPECT_LT(unevenness(trip), 4.0) << seed;
+        for (int k = 0; k < kTimes; ++k) {
+            const Positions now = trip.motion.at(k / (kTimes - 1.0));
+            EXPECT_LT(((now.rowwise() - now.row(0)) * turn).col(2).cwiseAbs().maxCoeff(), 1e-3)
+                << seed;
+        }
+    }
 }
 
 TEST(MeshMotion, TakesWhatHasCollapsed) {
