@@ -49,7 +49,7 @@ std::string two_decimals(double value) {
 std::string difference(const Rival& rival, const Cloud& source, std::span<const Feature> features) {
     switch (rival.swap) {
         case Swap::kEnds:
-            return "with its two ends, such as head and tail, swapped";
+            return "with one end and the other swapped";
         case Swap::kSides:
             return "with its sides, such as left and right, swapped";
         case Swap::kTurned:

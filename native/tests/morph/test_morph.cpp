@@ -9,7 +9,9 @@
 
 #include "base/thread_engine.hpp"
 #include "checks.hpp"
+#include "mesh_shapes.hpp"
 #include "morph/morphs.hpp"
+#include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
@@ -115,6 +117,17 @@ TEST_P(AnyMorph, DoesNotDependOnTheOrderOfThePoints) {
     for (IndexPair& pair : renamed) pair.source = order[to_size(pair.source)];
     std::ranges::sort(renamed);
     EXPECT_EQ(a.pairs(), renamed);
+}
+
+TEST(Words, HeadAndTailAreNotSaidOfThings) {
+    Cloud gear = mesh_shapes::icosphere(1);
+    gear.name = "gear";
+    Diagnostics found;
+    found.rivals.emplace_back();
+    found.rivals.back().swap = Swap::kEnds;
+    const std::string text = doubts(found, gear, gear, {});
+    EXPECT_NE(text.find("one end and the other"), std::string::npos) << text;
+    EXPECT_EQ(text.find("head"), std::string::npos) << text;
 }
 
 TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
