@@ -16,7 +16,7 @@
 namespace pointmorph {
 namespace {
 
-struct Sampled {
+struct OrientedCloud {
     Positions positions;
     Normals normals;  ///< the true ones
 
@@ -31,20 +31,20 @@ struct Sampled {
     }
 };
 
-Sampled ball(Index count) {
+OrientedCloud round_cloud(Index count) {
     const Positions p = shapes::sphere(count);
     return {p, p};
 }
 
 /// A body with wings whose sides lie about as far apart as the points do, at random places.
-Sampled winged(Index count, unsigned seed) {
+OrientedCloud winged_cloud(Index count, unsigned seed) {
     const auto height = [](double x, double y) {
         const double body = 1.0 - 4.0 * x * x - y * y;
         return 0.06 + 0.35 * std::sqrt(std::max(0.0, body));
     };
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-    Sampled shape{Positions(count, 3), Normals(count, 3)};
+    OrientedCloud shape{Positions(count, 3), Normals(count, 3)};
     for (Index i = 0; i < count;) {
         constexpr double kStep = 1e-4, kLong = 2.0;
         const double x = kLong * uniform(random), y = uniform(random);
@@ -62,12 +62,12 @@ Sampled winged(Index count, unsigned seed) {
     return shape;
 }
 
-double wrong(const Normals& normals, const Normals& truth) {
+double wrong_signs(const Normals& normals, const Normals& truth) {
     return ((normals.array() * truth.array()).rowwise().sum() < 0.0).cast<double>().mean();
 }
 
 TEST(WindingNormals, TellInsideFromOutsideOfABall) {
-    const Sampled shape = ball(1500);
+    const OrientedCloud shape = round_cloud(1500);
     const WindingNormals winding(shape.positions, shape.areas());
     Progress progress;
     EXPECT_LT(winding.misfit(shape.normals, progress), 0.02);
@@ -78,7 +78,7 @@ TEST(WindingNormals, TellInsideFromOutsideOfABall) {
 }
 
 TEST(WindingNormals, FallOutwardAlsoBetweenThePoints) {
-    const Sampled shape = ball(1500), others = ball(777);
+    const OrientedCloud shape = round_cloud(1500), others = round_cloud(777);
     const WindingNormals winding(shape.positions, shape.areas());
     Progress progress;
     const Normals falls =
@@ -88,21 +88,21 @@ TEST(WindingNormals, FallOutwardAlsoBetweenThePoints) {
 
 TEST(WindingNormals, MendAQuarterOfReversedNormals) {
     for (const Index count : {1200, 6000}) {  // all, and by some of them
-        const Sampled shape = ball(count);
+        const OrientedCloud shape = round_cloud(count);
         Normals normals = shape.normals;
         for (Index i = 0; i < count; ++i)
             if (shape.positions(i, 0) > 0.5) normals.row(i) *= -1.0;
-        ASSERT_NEAR(wrong(normals, shape.normals), 0.25, 0.01);
+        ASSERT_NEAR(wrong_signs(normals, shape.normals), 0.25, 0.01);
         Progress progress;
         orient_by_winding(shape.positions, shape.rows(), normals, progress);
-        EXPECT_LT(wrong(normals, shape.normals), 0.01) << count;
+        EXPECT_LT(wrong_signs(normals, shape.normals), 0.01) << count;
         EXPECT_LT((normals.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-6);
     }
 }
 
 TEST(WindingNormals, TellTheSidesOfThinWings) {
     for (const unsigned seed : {1u, 2u, 3u}) {
-        const Sampled shape = winged(2400, seed);
+        const OrientedCloud shape = winged_cloud(2400, seed);
         Progress progress;
         const Neighborhoods near = nearest_neighbors(KdTree<3>(shape.positions), 16, progress);
         // Planes fitted through both sides of one wing, which is reversed as a whole, and of the
@@ -114,15 +114,15 @@ TEST(WindingNormals, TellTheSidesOfThinWings) {
             const bool is_reversed = x > 1.0 || (x < -1.0 && z < 0.0);
             if (is_right == is_reversed) normals.row(i) *= -1.0;
         }
-        ASSERT_GT(wrong(normals, shape.normals), 0.2);
+        ASSERT_GT(wrong_signs(normals, shape.normals), 0.2);
         orient_by_winding(shape.positions, shape.rows(), normals, progress);
-        EXPECT_LT(wrong(normals, shape.normals), 0.03) << seed;
+        EXPECT_LT(wrong_signs(normals, shape.normals), 0.03) << seed;
     }
 }
 
 TEST(WindingNormals, LeaveOpenSurfacesAndRightNormalsAlone) {
     const Positions bowl = shapes::sphere(1500, 0.0);
-    const Sampled shape = ball(1500);
+    const OrientedCloud shape = round_cloud(1500);
     for (const Positions& positions : {bowl, shape.positions}) {
         Normals normals = positions;
         std::vector<Index> rows(1500);
@@ -134,7 +134,7 @@ TEST(WindingNormals, LeaveOpenSurfacesAndRightNormalsAlone) {
 }
 
 TEST(WindingNormals, AreTheSameForAnyThreadCount) {
-    const Sampled shape = winged(1700, 4);
+    const OrientedCloud shape = winged_cloud(1700, 4);
     const WindingNormals winding(shape.positions, shape.areas());
     Normals upward = shape.normals;
     for (Index i = 0; i < 200; ++i) upward.row(i) *= -1.0;
@@ -151,7 +151,7 @@ TEST(WindingNormals, AreTheSameForAnyThreadCount) {
 }
 
 TEST(WindingNormals, CanBeCanceled) {
-    const Sampled shape = ball(1500);
+    const OrientedCloud shape = round_cloud(1500);
     const WindingNormals winding(shape.positions, shape.areas());
     Progress progress([](std::string_view, double share) { return share < 0.3; },
                       std::chrono::milliseconds(0));
