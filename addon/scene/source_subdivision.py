@@ -13,7 +13,7 @@ from ..data import arrays, coverage
 from . import morph_object, morph_paths, recipes
 
 _ROUNDS = 6
-_MOST = 50_000  # vertices from which on there aren't more
+_MOST = 50_000  # vertices, but for those that make steps from face to face even
 _MUCH = 0.1  # of what a face has to show
 _FEW = 4  # samples that could be missed by chance
 _LONG = 0.6  # of a face's longest side: sides that are halved with it
@@ -119,10 +119,12 @@ def _levels(mesh, stops):
             for stop, layer in zip(stops, layers, strict=True):
                 too_large |= _too_large(edited, origin, layer, stop.surface, len(levels))
             count = len(edited.verts)
-            if not too_large.any() or count > _MOST:
+            if not too_large.any():
+                break
+            _halve(edited, origin, too_large)
+            if len(edited.verts) > _MOST:
                 break
             levels += too_large
-            _halve(edited, origin, too_large)
             for vertex in edited.verts[count:]:
                 for layer, tree in zip(layers, trees, strict=True):
                     vertex[layer] = tree.find_nearest(vertex[layer])[0]
