@@ -300,8 +300,18 @@ void orient_normals(const Positions& positions, const Neighborhoods& neighborhoo
         const Grouped<Index> rows(count, [&](auto&& take) {
             for (Index i = 0; i < count; ++i) take(component[to_size(i)], i);
         });
-        for (Index root = 0; root < count; ++root)
-            orient_by_winding(positions, rows[root], oriented, progress);
+        constexpr double kOpen = 0.5;  // a half sphere: no inside to be told
+        Index done = 0;
+        for (Index root = 0; root < count; ++root) {
+            const auto& shape = shapes[to_size(root)];
+            const auto end = done + to_index(rows[root].size());
+            if (shape.vector_area.norm() < kOpen * shape.area) {
+                const Progress::Part its(progress, static_cast<double>(done) / count,
+                                         static_cast<double>(end) / count);
+                orient_by_winding(positions, rows[root], oriented, progress);
+            }
+            done = end;
+        }
     }
     progress.report(1.0);
     normals = std::move(oriented);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 #include <vector>
 
@@ -222,18 +223,31 @@ void orient_by_winding(const Positions& positions, std::span<const Index> rows, 
     if (count < kFewest) return;
     const Index some = std::min(count, kMost);
     std::vector<Index> sampled;  // evenly, if rows next to each other are near each other
-    for (Index k = 0; k < some; ++k) sampled.push_back(rows[to_size(k * count / some)]);
+    for (Index k = 0; k < some; ++k)
+        sampled.push_back(rows[static_cast<std::size_t>(std::int64_t{k} * count / some)]);
 
-    const Positions places = gather(positions, sampled);
+    Positions places = gather(positions, sampled);
+    const Eigen::RowVector3d middle = places.colwise().mean();
+    places.rowwise() -= middle;
+    const double size = std::sqrt(places.squaredNorm() / static_cast<double>(some));
+    if (!(size > 0.0)) return;
+    places /= size;  // so that floats are enough
     const Normals given = gather(normals, sampled);
     const KdTree<3> tree(places);
     const Neighborhoods near = nearest_neighbors(tree, kNeighborsAround, progress);
-    const Values areas = local_spacing(places, near, kNeighborsAround).array().square().max(1e-30);
+    const Values found_areas = local_spacing(places, near, kNeighborsAround).array().square();
+    constexpr double kLeast = 1e-4;  // of the mean, for points at one place
+    const Values areas = found_areas.cwiseMax(kLeast * found_areas.mean());
     const WindingNormals winding(places, areas);
-    const double before = winding.misfit(given, progress);
-    if (before < kClear) return;
-    const Normals found = winding.find(given, progress);
-    if (!(winding.misfit(found, progress) < std::min(kBetter * before, kClosed))) return;
+    const auto part = [&](double first, double last, auto&& work) {
+        const Progress::Part its(progress, first, last);
+        return work();
+    };
+    const double before = part(0.0, 0.1, [&] { return winding.misfit(given, progress); });
+    if (!(before >= kClear)) return;
+    const Normals found = part(0.1, 0.7, [&] { return winding.find(given, progress); });
+    const double after = part(0.7, 0.8, [&] { return winding.misfit(found, progress); });
+    if (!(after < std::min(kBetter * before, kClosed))) return;
     const double reversed =
         ((found.array() * given.array()).rowwise().sum() < 0.0).cast<double>().mean();
     if (reversed < kReversed) return;
@@ -241,9 +255,10 @@ void orient_by_winding(const Positions& positions, std::span<const Index> rows, 
         for (Index k = 0; k < count; ++k) normals.row(rows[to_size(k)]) = found.row(k);
         return;
     }
-    const Positions all = gather(positions, rows);
+    const Positions all = (gather(positions, rows).rowwise() - middle) / size;
     const Values spread = Values::Constant(count, areas.mean());
-    const Normals falls = winding.fall_at(found, all, spread, progress);
+    const Normals falls =
+        part(0.8, 1.0, [&] { return winding.fall_at(found, all, spread, progress); });
     for (Index k = 0; k < count; ++k)
         if (falls.row(k).dot(normals.row(rows[to_size(k)])) < 0.0)
             normals.row(rows[to_size(k)]) *= -1.0;

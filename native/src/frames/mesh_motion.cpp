@@ -209,11 +209,21 @@ public:
         Positions centers = Positions::Zero(parts, 3);
         Values counts = Values::Zero(parts), heights = Values::Zero(parts),
                sizes = Values::Zero(parts);
-        for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f)
-            of_parts_.row(part_of(f)) += facing_of(sides_of(sheet.places(x, f))).transpose();
-        for (Eigen::Index p = 0; p < parts; ++p)
-            if (const double length = of_parts_.row(p).norm(); length > 0.0)
+        Values facing_apart = Values::Zero(parts);
+        for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f) {
+            const Vector3 facing = facing_of(sides_of(sheet.places(x, f)));
+            of_parts_.row(part_of(f)) += facing.transpose();
+            facing_apart[part_of(f)] += facing.norm();
+        }
+        // The sides of a thin plate cancel each other.
+        constexpr double kOneSided = 0.1;
+        for (Eigen::Index p = 0; p < parts; ++p) {
+            const double length = of_parts_.row(p).norm();
+            if (length > kOneSided * facing_apart[p])
                 of_parts_.row(p) /= length;
+            else
+                of_parts_.row(p).setZero();
+        }
         const auto each = [&](auto&& take) {
             for (Index v = 0; v < x.rows(); ++v)
                 if (const Index part = mesh.parts[to_size(v)]; part >= 0) take(v, part);
@@ -232,7 +242,7 @@ public:
             is_flat_.push_back(heights[p] <= kFlat * sizes[p] && !of_parts_.row(p).isZero(0.0));
     }
 
-    /// Whether the triangle's part lies in a plane.
+    /// Whether the triangle's part lies in a plane, within a hundredth of its size.
     bool is_flat(Index f) const { return is_flat_[to_size(part_of(f))]; }
 
     Vector3 of(Index f, const Sides& sides, bool in_flat) const {
@@ -329,8 +339,13 @@ struct MeshMotion::Bend {
         const Sides now =
             moves[to_size(f)].unturned_at(t, sides_of(sheet.places(mesh.positions, f)));
         const Vector3 u = now.col(0), v = now.col(1);
+        // One that has no area now can't say how those around are to be stretched.
+        constexpr double kThin = 1e-3;
+        const double length = std::max(u.norm(), kThin * v.norm());
+        if (!(length > 0.0)) return Matrix2::Identity();
         Matrix2 sides;
-        sides << u.norm(), u.dot(v) / u.norm(), 0.0, u.cross(v).norm() / u.norm();
+        sides << length, u.dot(v) / length, 0.0,
+            std::max(u.cross(v).norm() / length, kThin * length);
         return sides;
     }
 

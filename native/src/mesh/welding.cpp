@@ -44,7 +44,16 @@ using Side = MeshEdges::Side;
 /// Joins the corners of triangles at edges.
 class Seams {
 public:
-    Seams(const Mesh& mesh, Classes& vertices) : mesh_(mesh), vertices_(vertices) {}
+    Seams(const Mesh& mesh, Classes& vertices) : mesh_(mesh), vertices_(vertices) {
+        double volume = 0.0;  // six times
+        for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f) {
+            const auto corner = [&](Index k) -> Vector3 {
+                return mesh.positions.row(mesh.triangles(f, k)).transpose();
+            };
+            volume += corner(0).dot(corner(1).cross(corner(2)));
+        }
+        inward_ = volume < 0.0;
+    }
 
     void close(std::span<const Side> sides) {
         if (sides.size() < 2) return;
@@ -91,7 +100,8 @@ private:
             return (to - to.dot(along) * along).normalized();
         };
         const Vector3 from = across(one), to = across(other);
-        const double sine = -along.dot(from.cross(to)), cosine = from.dot(to);
+        const double around = along.dot(from.cross(to)), cosine = from.dot(to);
+        const double sine = inward_ ? around : -around;
         constexpr double kOnEachOther = 1e-6;
         const double angle = angle_of(std::abs(sine), cosine);
         if (angle < kOnEachOther || sine < 0.0) return 2.0 * std::numbers::pi - angle;
@@ -125,6 +135,7 @@ private:
     const Mesh& mesh_;
     Classes& vertices_;
     std::vector<Side> alone_;
+    bool inward_ = false;  ///< whether faces show their inside
 };
 
 /// Joins vertices that no triangle has to those that stand for them.

@@ -22,11 +22,7 @@ namespace {
 class GrowingMesh {
 public:
     explicit GrowingMesh(const Mesh& mesh)
-        : mesh_(mesh),
-          vertices_(mesh.vertices),
-          polygons_(mesh.polygons),
-          places_(mesh.places),
-          first_new_(to_index(mesh.places.size())) {}
+        : mesh_(mesh), vertices_(mesh.vertices), polygons_(mesh.polygons), places_(mesh.places) {}
 
     const Mesh& mesh() const { return mesh_; }
     /// Of each place that is new: the places that it lies between.
@@ -122,7 +118,6 @@ private:
     Triangles vertices_;
     std::vector<Index> polygons_;
     std::vector<Index> places_;  ///< of the vertices
-    Index first_new_;
     std::vector<std::array<Index, 2>> ends_, vertex_ends_;
     std::size_t old_ends_ = 0;
 };

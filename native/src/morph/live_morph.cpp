@@ -275,7 +275,7 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph*
     state->shapes = prepare_both(sampled, preparation(options), progress);
     for (std::string& words : preparation_warnings(state->shapes, true))
         state->warnings.push_back(std::move(words));
-    if (state->sides)
+    if (!sampled.source_counts.empty())
         for (std::string& words : handle_warnings(state->shapes))
             state->warnings.push_back(std::move(words));
     const RefinementStart start = *earlier_map(state->shapes, sampled);

@@ -189,7 +189,7 @@ void Morph::find_map(MorphInput input, FoundOn rows, Progress& progress) {
     const MorphOptions& options = options_;
     PreparedShapes shapes = prepare_both(input, preparation(options), progress);
     append(report_.warnings, preparation_warnings(shapes, !paper));
-    if (rows == FoundOn::kSamples) append(report_.warnings, handle_warnings(shapes));
+    if (!input.source_counts.empty()) append(report_.warnings, handle_warnings(shapes));
     const std::vector<Feature> features =
         canonical(input.features, shapes.source.sorted_rows, shapes.target.sorted_rows);
     check_places(features, shapes.source, shapes.target);

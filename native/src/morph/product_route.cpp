@@ -74,8 +74,14 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
         refine_part_or_whole(source_cloud, target_cloud, input.features, options.refinement,
                              progress, start ? &*start : nullptr);
     Refinement whole = std::move(found.map);
-    if (found.is_part || (source.topology.main().size() == 1 && target.topology.main().size() == 1))
+    if (source.topology.main().size() == 1 && target.topology.main().size() == 1) return whole;
+    const auto as_one = [&] {
+        const std::string words =
+            difference_in_words(source.topology, source.name, target.topology, target.name);
+        if (!words.empty()) warnings.push_back(words);
         return whole;
+    };
+    if (found.is_part) return as_one();
 
     progress.enter("pieces");
     const ComponentView source_view{source.topology, source.positions, source.normals,
@@ -85,7 +91,7 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const ComponentMatching matching =
         match_components(source_view, target_view, joining_marks(input.features), whole.alignment,
                          options.components, progress);
-    if (matching.matched.empty()) return whole;
+    if (matching.matched.empty()) return as_one();
     const ComponentGroups groups =
         group_components(source_view, target_view, matching, options.components, progress);
     for (std::string& words : components_in_words(matching, groups, {source.topology, source.name},

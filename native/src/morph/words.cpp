@@ -96,7 +96,7 @@ std::vector<std::string> handle_warnings(const PreparedShapes& shapes) {
     if (source.main().size() > 1 || target.main().size() > 1) return {};
     const std::optional<Index> s = source.components.front().genus,
                                t = target.components.front().genus;
-    if (!s || !t || *s == *t) return {};
+    if (!s || !t || *s == *t || std::min(*s, *t) > 0 || std::max(*s, *t) > 1) return {};
     const std::string &one = shapes.source.name, &other = shapes.target.name;
     if (*s > *t)
         return {"The hole through " + one + " can't close: its faces leave part of " + other +

@@ -17,8 +17,8 @@ namespace pointmorph {
 /// together.
 std::vector<std::string> preparation_warnings(const PreparedShapes& shapes, bool by_pieces);
 
-/// What faces can't do where one shape has more handles than the other, and what helps; empty
-/// where there are as many, or several pieces.
+/// What the source's faces can't do where one shape has a handle and the other none, and what
+/// helps; empty otherwise, and where there are several pieces.
 std::vector<std::string> handle_warnings(const PreparedShapes& shapes);
 
 /// Of features that method paper can't keep to; empty where there are none.

@@ -489,7 +489,8 @@ Pose rated(const CoarsePair& shapes, std::vector<Candidate> maps,
     for (const Candidate& rival : pose.rivals)
         competitors.push_back({ratio_in_doubt(best, at_nodes(rival), tried),
                                (images_at_rest(rival) - images).rowwise().norm().mean()});
-    if (!pose.rivals.empty()) pose.margin = pose.rivals.front().cost / pose.best.cost;
+    if (!pose.rivals.empty())
+        pose.margin = std::max(1.0, pose.rivals.front().cost / pose.best.cost);
     pose.confidence = pose_confidence(pose.best.misfit, competitors);
     return pose;
 }

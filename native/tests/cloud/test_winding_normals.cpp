@@ -100,6 +100,21 @@ TEST(WindingNormals, MendAQuarterOfReversedNormals) {
     }
 }
 
+TEST(WindingNormals, MendThemAtAnyScaleAndPlaceAndWithPointsInOnePlace) {
+    const OrientedCloud shape = round_cloud(1200);
+    for (const double scale : {1e-12, 1.0, 1e12}) {
+        Positions positions = shape.positions;
+        for (Index i = 600; i < 620; ++i) positions.row(i) = positions.row(600);
+        positions = (positions.rowwise() + Eigen::RowVector3d(1e4, 0.0, 0.0)) * scale;
+        Normals normals = shape.normals;
+        for (Index i = 0; i < 1200; ++i)
+            if (shape.positions(i, 0) > 0.5) normals.row(i) *= -1.0;
+        Progress progress;
+        orient_by_winding(positions, shape.rows(), normals, progress);
+        EXPECT_LT(wrong_signs(normals, shape.normals), 0.03) << scale;
+    }
+}
+
 TEST(WindingNormals, TellTheSidesOfThinWings) {
     for (const unsigned seed : {1u, 2u, 3u}) {
         const OrientedCloud shape = winged_cloud(2400, seed);

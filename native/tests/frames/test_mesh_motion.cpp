@@ -396,6 +396,23 @@ TEST(MeshMotion, WhatIsFlatStaysInItsPlane) {
     }
 }
 
+TEST(MeshMotion, AThinPlateKeepsItsSides) {
+    // Its faces' normals cancel each other but for rounding.
+    Cloud plate = mesh_shapes::icosphere(2);
+    plate.positions.col(2) *= 0.004;
+    const Matrix3 turn = Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()).toRotationMatrix();
+    plate.positions = plate.positions * turn.transpose();
+    for (unsigned seed = 1; seed <= 3; ++seed) {
+        const Positions ends = shaken(plate.positions * turn, Vector3(0.02, 0.02, 0.0), seed);
+        const Trip trip(plate, ends * turn.transpose(), PathKind::kRigid);
+        const Positions thickness = plate.positions * turn;
+        for (int k = 0; k < kTimes; ++k) {
+            const Positions now = trip.motion.at(k / (kTimes - 1.0)) * turn;
+            EXPECT_LT((now - thickness).col(2).cwiseAbs().maxCoeff(), 0.006) << seed;
+        }
+    }
+}
+
 TEST(MeshMotion, TakesWhatHasCollapsed) {
     const Cloud cloud = tube();
     const Positions ends =

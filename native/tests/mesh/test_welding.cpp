@@ -50,7 +50,10 @@ TEST(Welding, CubesThatTouchStayTwoWhateverTheirVertices) {
     for (const Vector3& by : {Vector3(2, 2, 2), Vector3(2, 2, 0), Vector3(2, 0, 0)}) {
         const Cloud both =
             mesh_shapes::together(mesh_shapes::cube(), shifted(mesh_shapes::cube(), by));
-        for (const Cloud& cloud : {both, mesh_shapes::split(both)}) {
+        const Cloud inside_out =
+            mesh_shapes::moved(both, Vector3(-1, 1, 1).asDiagonal(), Vector3::Zero());
+        for (const Cloud& cloud :
+             {both, mesh_shapes::split(both), mesh_shapes::split(inside_out)}) {
             const Mesh mesh = make_mesh(cloud);
             EXPECT_EQ(mesh.positions.rows(), 16);
             EXPECT_EQ(mesh.part_areas.size(), 2);

@@ -67,7 +67,7 @@ bool is_rim(double length, double area);
 std::string in_words(const Topology& topology);
 
 /// Whether a component doesn't go onto another without tears or folds, as far as is known: they
-/// differ in handles, or one is open.
+/// differ in handles, or only one is open.
 bool differ(const Component& source, const Component& target);
 
 /// "an open patch", "a closed surface of genus 1 with 2 holes".
