@@ -44,6 +44,7 @@ def make_mesh(context, obj):
         copy.data = mesh
         copy.pointmorph.recipe = ""  # of a source that morphs itself
         copy.pointmorph.mesh = None
+        copy.pointmorph.shown_from = None  # of a source that is a copy itself
         copy.name = mesh.name = f"{obj.name} Mesh"
         copy.hide_render = False
         copy.show_only_shape_key = False
