@@ -14,7 +14,6 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     animated_shape,
-    as_shown,
     cache_files,
     cached_frames,
     frame_files,
@@ -101,7 +100,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
             return fail(self, error)
         note_done(self)
         said = f'Shape keys added to "{changed.name}": {self.steps}'
-        original = as_shown.original_of(changed)
+        original = recipes.original_of(changed)
         if original != changed:
             presentation.set_visible(context, original, False)
             presentation.set_visible(context, changed, True)

@@ -52,6 +52,7 @@ class _Morphing(Recomputing):
     _shown = ""  # name of the coarse morph's object
     _made = None  # what is computed again
     _copies = ()  # references to those of shapes as shown, and how these were hidden
+    _renewed = ()  # references to those that a morph had already, and to their meshes before
     _applied = _kept = ()  # names of what changes the source
 
     def invoke(self, context, event):
@@ -64,9 +65,7 @@ class _Morphing(Recomputing):
         if morphs_selected(context):
             pick_selected(context)
         sync_features(context.scene)
-        there = None if self.new_result else picked_result(context)
-        if there is None:
-            self._take_as_shown(context)
+        there = self._take_as_shown(context)
         shapes = staleness.picked_shapes(context.scene)
         if there is not None:
             work = yield from self.begin_again(context, there)
@@ -78,21 +77,42 @@ class _Morphing(Recomputing):
 
     def _take_as_shown(self, context):
         """Puts copies in place of a source with what can't go along with a morph applied, and of
-        all shapes that are no meshes."""
+        all shapes that are no meshes. Returns the morph that is to be computed again, if any: the
+        copies that it was made of get their present form."""
         settings = context.scene.pointmorph
         shapes = [shape for shape in staleness.picked_shapes(context.scene) if shape is not None]
         update(context, *dict.fromkeys(shapes))
         names = as_shown.changed_by(context, settings.source)
         keeps = settings.source.pointmorph.keep_modifiers
         self._kept, self._applied = (names, ()) if keeps else ((), names)
-        self._copies = []
-        for shape in dict.fromkeys(shapes):
-            if shape.type in MADE_TYPES or (shape == settings.source and self._applied):
-                before = shape.hide_get(), shape.hide_render
+        self._copies, self._renewed = [], []
+        taken = [
+            shape
+            for shape in dict.fromkeys(shapes)
+            if shape.type in MADE_TYPES or (shape == settings.source and self._applied)
+        ]
+
+        def fits(scene, obj):
+            picked, made_of = staleness.picked_shapes(scene), recipes.shapes_of(obj)
+            return all(
+                made.pointmorph.shown_from == shape if shape in taken else made == shape
+                for shape, made in zip(picked, made_of, strict=True)
+            )
+
+        there = None if self.new_result else picked_result(context, fits)
+        known = {} if there is None else dict(zip(shapes, recipes.shapes_of(there), strict=True))
+        for shape in taken:
+            before = shape.hide_get(), shape.hide_render
+            if there is None:
                 copy = as_shown.copy_as_shown(context, shape)
                 self._copies.append((reference_to(copy), *before))
-                _pick_instead(settings, shape, copy)
-                update(context, copy)
+            else:
+                copy = known[shape]
+                mesh = as_shown.renew(context, copy)
+                self._renewed.append((reference_to(copy), reference_to(mesh), *before))
+            _pick_instead(settings, shape, copy)
+            update(context, copy)
+        return there
 
     def _take_copies_back(self, context):
         """After an error, or Esc, the shapes are what they were."""
@@ -103,10 +123,17 @@ class _Morphing(Recomputing):
                 for scene in bpy.data.scenes:
                     _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
                 as_shown.remove(copy, *before)
+        renewed, self._renewed = self._renewed, ()
+        for reference, mesh, *before in renewed:
+            copy, old = find(bpy.data.objects, reference), find(bpy.data.meshes, mesh)
+            if copy is not None and old is not None:
+                for scene in bpy.data.scenes:
+                    _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
+                as_shown.put_back(copy, old, *before)
 
     def _say_applied(self, obj, shapes):
         """What became of the source's modifiers and shape keys, and of what is no mesh."""
-        made = [as_shown.original_of(shape) for shape in dict.fromkeys(shapes) if shape is not None]
+        made = [recipes.original_of(shape) for shape in dict.fromkeys(shapes) if shape is not None]
         made = [f'"{shape.name}"' for shape in made if shape.type in MADE_TYPES]
         if made and self._copies:
             self.report({"INFO"}, f"Morphed as meshes, which are copies: {', '.join(made)}")
@@ -174,10 +201,9 @@ class _Morphing(Recomputing):
         """What `morph_builder.build` needs besides the outcome."""
         shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         known = [shape["name"] for shape in self._plan.recipe["shapes"]]
-        copies = [reference for reference, *_ in self._copies]
-        for number, (shape, reference) in enumerate(zip(shapes, self._shapes, strict=True)):
-            if reference in copies and shape is not None:
-                known[number] = as_shown.original_of(shape).name
+        for number, shape in enumerate(shapes):
+            if shape is not None and recipes.original_of(shape) != shape:
+                known[number] = recipes.original_of(shape).name
         name = " to ".join(known)
         return name, self._plan.provenance(shapes)
 
@@ -196,6 +222,9 @@ class _Morphing(Recomputing):
         with presentation.or_as_before(context, obj, not again):
             present(self, context, obj, outcome, again)
             self._say_applied(obj, recipes.shapes_of(obj))
+        for _, mesh, *_ in self._renewed:
+            if (old := find(bpy.data.meshes, mesh)) is not None and not old.users:
+                bpy.data.meshes.remove(old)
         return {"FINISHED"}
 
 
@@ -225,7 +254,7 @@ def _mode_reason(context):
     None when it can, or there is none."""
     if context.mode == "OBJECT":
         return None
-    there = picked_result(context)
+    there = picked_result(context, staleness.is_picked)
     shown = there if there is None else morph_object.shown_of(there)
     for obj in (there, shown):
         if obj is not None and obj.mode != "OBJECT":

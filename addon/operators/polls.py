@@ -237,11 +237,21 @@ def _is_of(obj, settings):
     return morph_object.is_result(obj)
 
 
-def picked_result(context):
-    """The morph object that *Morph* computes again: of the very shapes that are picked, the active
-    one or else the last; None where there is none."""
+def picked_result(context, fits=staleness.is_exactly_picked):
+    """The morph object that *Morph* computes again: of the shapes that are picked, the active one
+    or else the last; None where there is none.
+
+    Parameters
+    ----------
+    fits : callable
+        Of the scene and an object: which are meant, among those of these shapes and their copies.
+    """
     objects = [context.view_layer.objects.active, *list(context.scene.objects)[::-1]]
-    of_picked = [obj for obj in objects if _can_be_morphed_again(context.scene, obj)]
+    of_picked = [
+        obj
+        for obj in objects
+        if _can_be_morphed_again(context.scene, obj) and fits(context.scene, obj)
+    ]
     for obj in of_picked:
         points = obj.pointmorph.made_from
         if obj.pointmorph.keeps_faces and points in of_picked:

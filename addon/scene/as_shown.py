@@ -128,12 +128,6 @@ def vertices_shown(view_layer, obj):
     return len(evaluated.data.vertices)
 
 
-def original_of(obj):
-    """The object that a copy was made of, and shows, or the object itself."""
-    original = obj.pointmorph.shown_from
-    return original if original is not None and original.users_collection else obj
-
-
 def copy_as_shown(context, obj):
     """A copy of an object without modifiers and shape keys that looks the same, with materials,
     UV maps, weights and colors. The object itself is hidden.
@@ -143,31 +137,9 @@ def copy_as_shown(context, obj):
     CloudError
         When the viewport shows nothing of it.
     """
-    depsgraph = context.evaluated_depsgraph_get()
-    evaluated = shape_reader.evaluated_of(obj, depsgraph)
-    if context.view_layer.objects.get(obj.name) != obj:
-        raise shape_reader.disabled(obj)
     with creation.all_or_nothing() as created:
-        mesh = bpy.data.meshes.new_from_object(
-            evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
-        )
-        created(mesh)
-        if obj.type != "MESH" and not len(mesh.polygons):
-            raise pointmorph.CloudError(
-                obj.name,
-                "faces in the viewport",
-                "none",
-                "Extrude, bevel or fill the curve, or choose another object.",
-            )
-        if not len(mesh.vertices):
-            raise pointmorph.CloudError(
-                obj.name,
-                "vertices in the viewport",
-                "none",
-                "Enable it, check its modifiers, or turn on Keep Modifiers.",
-            )
-        copy = _copy(obj, mesh)
-        created(copy)
+        mesh = _mesh_as_shown(context, obj, created)
+        copy = _copy(obj, mesh, created)
         if copy.parent_type in {"ARMATURE", "LATTICE"}:  # which would bend it once more
             copy.parent_type = "OBJECT"
         copy.name = mesh.name = f"{obj.name} as Shown"
@@ -178,11 +150,107 @@ def copy_as_shown(context, obj):
         copy.pointmorph.shown_from = obj
         if obj.type == "MESH":
             _keep_points(obj, copy)
+        _link(context, obj, copy)
+        _put_at(context, obj, copy)
+    _hide(context, obj)
+    return copy
+
+
+def renew(context, copy):
+    """Gives a copy the form that its original has now, and returns the mesh that it had."""
+    obj, before = copy.pointmorph.shown_from, copy.data
+    with creation.all_or_nothing() as created:
+        mesh = _mesh_as_shown(context, obj, created)
+        mesh.name = f"{obj.name} as Shown"
+        copy.data = mesh
+        try:
+            if obj.type == "MESH":
+                _keep_points(obj, copy)
+                for name in ("rigid_group", "fixed_group"):
+                    setattr(copy.pointmorph, name, getattr(obj.pointmorph, name))
+            _put_at(context, obj, copy)
+        except BaseException:
+            copy.data = before
+            raise
+    _hide(context, obj)
+    return before
+
+
+def put_back(copy, mesh, hidden, not_rendered):
+    """Gives a copy the mesh that it had before `renew`, and shows its original as before."""
+    now, copy.data = copy.data, mesh
+    if not now.users:
+        bpy.data.meshes.remove(now)
+    _show(copy.pointmorph.shown_from, hidden, not_rendered)
+
+
+def _mesh_as_shown(context, obj, created):
+    depsgraph = context.evaluated_depsgraph_get()
+    evaluated = shape_reader.evaluated_of(obj, depsgraph)
+    if not shape_reader.is_in(context.view_layer, obj):
+        raise shape_reader.disabled(obj)
+    mesh = bpy.data.meshes.new_from_object(
+        evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
+    )
+    created(mesh)
+    if obj.type != "MESH" and not len(mesh.polygons):
+        raise pointmorph.CloudError(
+            obj.name,
+            "faces in the viewport",
+            "none",
+            "Extrude, bevel or fill the curve, or choose another object."
+            if obj.type in {"CURVE", "FONT"}
+            else "Choose another object.",
+        )
+    if not len(mesh.vertices):
+        raise pointmorph.CloudError(
+            obj.name,
+            "vertices in the viewport",
+            "none",
+            "Enable it, check its modifiers, or turn on Keep Modifiers.",
+        )
+    return mesh
+
+
+def _link(context, obj, copy):
+    """Puts a copy into the collections of its original that are in this view layer."""
+    in_layer = [context.view_layer.layer_collection]
+    for layer in in_layer:
+        in_layer += [child for child in layer.children if not child.exclude]
+    there = {layer.collection for layer in in_layer}
+    homes = [
+        one
+        for one in obj.users_collection
+        if one in there and one.is_editable and one.override_library is None
+    ]
+    for one in homes:
+        one.objects.link(copy)
+    if not homes:
         creation.link(context, copy)
-    obj.hide_set(True)
+
+
+def _put_at(context, obj, copy):
+    """Constraints, animation and parents' vertices don't come along: a copy lies where they put its
+    original now."""
+    context.view_layer.update()
+    if copy.matrix_world != obj.matrix_world:
+        copy.matrix_world = obj.matrix_world.copy()
+        context.view_layer.update()
+
+
+def _hide(context, obj):
+    obj.hide_set(True, view_layer=context.view_layer)
     if obj.is_editable:
         obj.hide_render = True
-    return copy
+
+
+def _show(original, hidden, not_rendered):
+    if original is None:  # deleted meanwhile
+        return
+    with contextlib.suppress(RuntimeError):  # it isn't in this view layer any more
+        original.hide_set(hidden)
+    if original.is_editable:
+        original.hide_render = not_rendered
 
 
 _PLACE = (
@@ -200,18 +268,26 @@ _PLACE = (
 """What says where an object lies."""
 
 
-def _copy(obj, mesh):
+def _copy(obj, mesh, created):
     """An object with this mesh in the place of another, with all that this has besides modifiers,
     where both are meshes."""
     if obj.type != "MESH":
         copy = bpy.data.objects.new(obj.name, mesh)
+        created(copy)
         for name in _PLACE:
             setattr(copy, name, getattr(obj, name))
         return copy
     copy = obj.copy()
-    _forget_morph(copy)
-    _remove_modifiers(copy)
-    copy.data = mesh
+    # Its mesh is the original's until the new one is there: keys must not be removed with it.
+    try:
+        _forget_morph(copy)
+        _remove_modifiers(copy)
+        copy.data = mesh
+        copy.show_only_shape_key = False
+    except BaseException:
+        bpy.data.objects.remove(copy)
+        raise
+    created(copy)
     return copy
 
 
@@ -234,9 +310,31 @@ def _remove_modifiers(copy):
     copy.modifiers.clear()
 
 
+_OF_MORPH = (
+    "source",
+    "target",
+    "source_matrix",
+    "via",
+    "made_from",
+    "mesh",
+    "keeps_faces",
+    "is_preview",
+    "follows",
+    "recipe",
+    "faces",
+    "too_fine",
+    "baked",
+    "key_frames",
+    "has_key_frames",
+    "shown_before",
+    "report",
+)
+"""What an object knows of the morph that it is."""
+
+
 def _forget_morph(copy):
     """Makes a copy of a morph an object like any other."""
-    for name in ("source", "target", "via", "made_from", "mesh", "keeps_faces", "recipe", "report"):
+    for name in _OF_MORPH:
         copy.pointmorph.property_unset(name)
 
 
@@ -244,9 +342,4 @@ def remove(copy, hidden, not_rendered):
     """Takes a copy away, and shows its original as before."""
     original = copy.pointmorph.shown_from
     morph_builder.remove(copy)
-    if original is None:  # deleted meanwhile
-        return
-    with contextlib.suppress(RuntimeError):  # it isn't in this view layer any more
-        original.hide_set(hidden)
-    if original.is_editable:
-        original.hide_render = not_rendered
+    _show(original, hidden, not_rendered)

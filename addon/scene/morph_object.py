@@ -206,4 +206,7 @@ def landings(obj):
 
 def stage_names(obj):
     """Names of the shapes of a morph object, in order; what is missing has another."""
-    return [KEY if shape is None else shape.name for shape in recipes.pointers_of(obj)]
+    return [
+        KEY if shape is None else recipes.original_of(shape).name
+        for shape in recipes.pointers_of(obj)
+    ]

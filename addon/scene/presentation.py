@@ -10,7 +10,6 @@ import contextlib
 import pointmorph
 
 from . import (
-    as_shown,
     morph_builder,
     morph_object,
     morphing_mesh,
@@ -149,7 +148,7 @@ def show_shapes(context, obj, visible):
     """Shows or hides the objects that a morph object was made from."""
     for shape in recipes.shapes_of(obj):
         if shape is not None:
-            original = as_shown.original_of(shape)
+            original = recipes.original_of(shape)
             if original != shape:
                 set_visible(context, shape, False)
             set_visible(context, original, visible)
@@ -157,7 +156,7 @@ def show_shapes(context, obj, visible):
 
 def shows_shapes(obj):
     """Whether one of the objects that a morph object was made from is to be seen."""
-    shapes = [as_shown.original_of(s) for s in recipes.shapes_of(obj) if s is not None]
+    shapes = [recipes.original_of(s) for s in recipes.shapes_of(obj) if s is not None]
     return any(not shape.hide_get() for shape in shapes)
 
 
@@ -165,7 +164,7 @@ def hidden_shapes(context):
     """The picked objects that can't be seen, in the viewport or in renders, and are in the scene:
     those of a morph that was deleted."""
     shapes = [shape for shape in staleness.picked_shapes(context.scene) if shape is not None]
-    originals = [as_shown.original_of(shape) for shape in shapes]
+    originals = [recipes.original_of(shape) for shape in shapes]
     return [
         shape
         for shape in originals

@@ -59,6 +59,12 @@ def pointers_of(obj):
     return [data.source, *(item.object for item in data.via), data.target]
 
 
+def original_of(obj):
+    """The object that a copy was made of, and shows, or the object itself."""
+    original = obj.pointmorph.shown_from
+    return original if original is not None and original.users_collection else obj
+
+
 def gone_words(obj):
     """What has become of each object that isn't there and a morph object was made from, by the name
     that it had then."""

@@ -18,9 +18,21 @@ def picked_shapes(scene):
 
 
 def is_picked(scene, obj):
-    """Whether the panel is about this morph object: the same shapes are picked there."""
-    shapes = recipes.shapes_of(obj)
-    return None not in shapes and picked_shapes(scene) == shapes
+    """Whether the panel is about this morph object: the same shapes are picked there, or copies of
+    them that show the same."""
+    shapes, picked = recipes.shapes_of(obj), picked_shapes(scene)
+    if None in shapes or None in picked or len(shapes) != len(picked):
+        return False
+    return all(_is_same(*pair) for pair in zip(shapes, picked, strict=True))
+
+
+def is_exactly_picked(scene, obj):
+    """Whether those are picked themselves, not what they are copies of, or a copy of them."""
+    return picked_shapes(scene) == recipes.shapes_of(obj)
+
+
+def _is_same(shape, picked):
+    return shape == picked or recipes.original_of(shape) in (picked, recipes.original_of(picked))
 
 
 def state(obj, prints=None):

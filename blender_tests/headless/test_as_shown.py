@@ -302,3 +302,87 @@ def test_a_source_that_is_disabled_is_refused_in_words(mirrored, settings):
         pick(obj, settings.target)
         assert "Enable it in the Outliner" in error_of(bpy.ops.pointmorph.morph)
         assert settings.source == obj
+
+
+def test_a_source_picked_again_renews_its_copy(mirrored, settings):
+    target = settings.target
+    shown = morph()
+    copy = settings.source
+    assert copy.pointmorph.shown_from == mirrored
+    assert shown.pointmorph.shown_from is None
+    mirrored.modifiers.new("Round", "SUBSURF")
+    pick(mirrored, target)
+    bpy.context.view_layer.update()
+    before, blocks = shown_surface(mirrored), data_blocks()
+    name, keyed = shown.name, shown.data.shape_keys.key_blocks["Morph"]
+    keyed.value = 0.0
+    bpy.ops.pointmorph.morph()
+    assert settings.source == copy
+    assert len(bpy.context.scene.objects) == 5
+    assert shown.name == name
+    np.testing.assert_allclose(shown_surface(shown), before, atol=1e-5)
+    assert len(data_blocks() - blocks) == 1  # the mesh of the copy
+
+
+def test_after_an_error_a_renewed_copy_is_as_before(addon, mirrored, settings, monkeypatch):
+    target = settings.target
+    morph()
+    copy, mesh = settings.source, settings.source.data
+    mirrored.modifiers.new("Round", "SUBSURF")
+    pick(mirrored, target)
+
+    def fail(*_):
+        raise RuntimeError("of Blender's")
+
+    monkeypatch.setattr(addon("scene.morphing_mesh"), "remake", fail)
+    before = data_blocks()
+    assert "of Blender's" in error_of(bpy.ops.pointmorph.morph)
+    assert settings.source == mirrored
+    assert copy.data == mesh
+    assert data_blocks() == before
+
+
+def test_a_source_that_gets_a_modifier_gets_another_morph(settings):
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    first = morph()
+    put_on(source, "mirror")
+    before = shown_surface(source)
+    bpy.ops.pointmorph.morph()
+    second = bpy.context.view_layer.objects.active
+    assert second != first
+    np.testing.assert_allclose(shown_surface(second), before, atol=1e-5)
+
+
+def test_keep_modifiers_makes_another_morph(mirrored, settings):
+    target = settings.target
+    first = morph()
+    pick(mirrored, target)
+    mirrored.pointmorph.keep_modifiers = True
+    second = morph()
+    assert second != first
+    assert settings.source == mirrored
+    mirrored.pointmorph.keep_modifiers = False
+    bpy.ops.pointmorph.morph()
+    assert settings.source == first.pointmorph.source
+    assert len(bpy.context.scene.objects) == 7
+
+
+def test_a_copy_lies_where_its_original_is(settings):
+    other = add_other("FONT")
+    aim = bpy.data.objects.new("Aim", None)
+    bpy.context.scene.collection.objects.link(aim)
+    aim.location = (5, 6, 7)
+    other.constraints.new("COPY_LOCATION").target = aim
+    home = bpy.data.collections.new("Home")
+    bpy.context.scene.collection.children.link(home)
+    for collection in list(other.users_collection):
+        collection.objects.unlink(other)
+    home.objects.link(other)
+    bpy.context.view_layer.update()
+    pick(other, add_mesh("Dune", *patch(9, bump=0.8)))
+    places = in_world(other)
+    morph()
+    copy = settings.source
+    assert copy.users_collection == (home,)
+    np.testing.assert_allclose(in_world(copy), places, atol=1e-5)
