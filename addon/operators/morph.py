@@ -1,8 +1,10 @@
 """Computes the morph of the picked shapes: from source to target, and through those in between."""
 
+import contextlib
 import queue
 
 import bpy
+import pointmorph
 
 from ..core import background_job, preview
 from ..core.settings import settings_values
@@ -16,6 +18,7 @@ from ..scene import (
     blended_textures,
     morph_builder,
     morph_object,
+    morphing_mesh,
     presentation,
     preview_object,
     recipes,
@@ -53,14 +56,14 @@ class _Morphing(Recomputing):
     _made = None  # what is computed again
     _copies = ()  # references to those of shapes as shown, and how these were hidden
     _renewed = ()  # references to those that a morph had already, and to their meshes before
-    _applied = _kept = ()  # names of what changes the source
+    _applied = _kept = _dropped = ()  # names of what changes the source
 
     def invoke(self, context, event):
         self.new_result = self.new_result or event.alt
-        _leave_mode(context)
         return super().invoke(context, event)
 
     def _begin_steps(self, context):
+        _leave_mode(context)
         self._first_look = queue.SimpleQueue()
         if morphs_selected(context):
             pick_selected(context)
@@ -85,6 +88,7 @@ class _Morphing(Recomputing):
         names = as_shown.changed_by(context, settings.source)
         keeps = settings.source.pointmorph.keep_modifiers
         self._kept, self._applied = (names, ()) if keeps else ((), names)
+        self._dropped = as_shown.dropped_by(settings.source) if self._applied else ()
         self._copies, self._renewed = [], []
         taken = [
             shape
@@ -122,14 +126,14 @@ class _Morphing(Recomputing):
             if copy is not None:
                 for scene in bpy.data.scenes:
                     _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
-                as_shown.remove(copy, *before)
+                as_shown.remove(context, copy, *before)
         renewed, self._renewed = self._renewed, ()
         for reference, mesh, *before in renewed:
             copy, old = find(bpy.data.objects, reference), find(bpy.data.meshes, mesh)
             if copy is not None and old is not None:
                 for scene in bpy.data.scenes:
                     _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
-                as_shown.put_back(copy, old, *before)
+                as_shown.put_back(context, copy, old, *before)
 
     def _say_applied(self, obj, shapes):
         """What became of the source's modifiers and shape keys, and of what is no mesh."""
@@ -137,6 +141,12 @@ class _Morphing(Recomputing):
         made = [f'"{shape.name}"' for shape in made if shape.type in MADE_TYPES]
         if made and self._copies:
             self.report({"INFO"}, f"Morphed as meshes, which are copies: {', '.join(made)}")
+        if self._dropped:
+            self.report(
+                {"WARNING"},
+                f"The morph goes without {', '.join(self._dropped)} of the source, which can't be "
+                "applied",
+            )
         if self._applied:
             self.report(
                 {"INFO"},
@@ -144,23 +154,32 @@ class _Morphing(Recomputing):
                 "keep them on the morph, choose the original, turn on Keep Modifiers and morph "
                 "again",
             )
-        if self._kept:
+        shown = morph_object.shown_of(obj)
+        left = morphing_mesh.left_off(shapes[0]) if shapes[0] is not None else ()
+        kept = [name for name in self._kept if name not in left]
+        if kept and shown != obj:
             self.report(
                 {"WARNING"},
-                f'"{obj.name}" keeps {", ".join(self._kept)} of the source: they change the target '
+                f'"{shown.name}" keeps {", ".join(kept)} of the source: they change the target '
                 "as well. Turn off Keep Modifiers for a morph that ends exactly there",
             )
 
     def execute(self, context):
-        _leave_mode(context)
-        done = super().execute(context)
+        try:
+            done = super().execute(context)
+        except BaseException:  # Ctrl-C
+            self._take_copies_back(context)
+            raise
         if done == {"CANCELLED"}:
             self._take_copies_back(context)
         return done
 
     def cancel(self, context):
         super().cancel(context)
-        self._take_copies_back(context)
+        with contextlib.ExitStack() as there:
+            with contextlib.suppress(pointmorph.CloudError):  # that scene is gone
+                there.enter_context(self._where_it_began(context))
+            self._take_copies_back(bpy.context)
 
     def _begin_new(self, context, shapes):
         settings = context.scene.pointmorph
@@ -207,7 +226,19 @@ class _Morphing(Recomputing):
         name = " to ".join(known)
         return name, self._plan.provenance(shapes)
 
+    def _check_copies(self):
+        """Undo, while it was computed, may have taken the copies away."""
+        for reference, *_ in (*self._copies, *self._renewed):
+            if find(bpy.data.objects, reference) is None:
+                raise pointmorph.CloudError(
+                    "copy",
+                    "the copy that is being morphed",
+                    "none: it is gone after undo",
+                    "Press Morph again.",
+                )
+
     def _finish(self, context, outcome):
+        self._check_copies()
         if self._made is not None:
             obj = self.finish_again(context, outcome)
         else:
@@ -246,7 +277,15 @@ def _leave_mode(context):
     if active is None or active.mode == "OBJECT":
         return
     if active.mode == "EDIT" or active in staleness.picked_shapes(context.scene):
-        bpy.ops.object.mode_set(mode="OBJECT")
+        try:
+            bpy.ops.object.mode_set(mode="OBJECT")
+        except RuntimeError as error:  # Blender's own words
+            raise pointmorph.CloudError(
+                active.name,
+                "an object in Object Mode",
+                "another mode",
+                "Switch to Object Mode (Tab).",
+            ) from error
 
 
 def _mode_reason(context):

@@ -106,7 +106,7 @@ def select_reason(context):
     for obj in sorted(context.selected_objects, key=lambda obj: obj.name):
         if obj.type not in MORPHED_TYPES:
             kind = obj.bl_rna.properties["type"].enum_items[obj.type].name
-            return f'"{obj.name}" can\'t be morphed, because it has no faces or points ({kind})'
+            return f'"{obj.name}" can\'t be morphed: it has no surface ({kind})'
     return SELECT
 
 

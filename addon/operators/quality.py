@@ -34,12 +34,13 @@ class _Shows(Explained):
         points_display.show(obj, self.attribute if on else None)
         if on:  # colors the points
             presentation.show_points(context, obj)
-        elif obj.pointmorph.shown_before == presentation.MESH:
+        self._shade(context, obj.pointmorph, on)
+        was_mesh = obj.pointmorph.shown_before == presentation.MESH
+        if not on and was_mesh and morph_object.shown_of(obj) != obj:
             try:
                 presentation.show_as(context, obj, presentation.MESH)
             except pointmorph.PointmorphError as error:
                 return fail(self, error)
-        self._shade(context, obj.pointmorph, on)
         return {"FINISHED"}
 
     @staticmethod

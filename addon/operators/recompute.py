@@ -44,10 +44,16 @@ class Recomputing(Computing):
         if self._in_window and len(self._plan.requests) == 1:
             request = self._plan.requests[0].without_looks()
             background_job.remember(request, outcome)
-        if not recipes.is_there(obj):  # deleted in the viewport; its mesh knows it
+        was_there = recipes.is_there(obj)
+        if not was_there:  # deleted in the viewport; its mesh knows it
             creation.link(context, obj)
             presentation.set_visible(context, obj, False)
-        said = morphing_mesh.remake(context, obj, self._plan, outcome)
+        try:
+            said = morphing_mesh.remake(context, obj, self._plan, outcome)
+        except BaseException:
+            for collection in () if was_there else obj.users_collection:
+                collection.objects.unlink(obj)
+            raise
         for words in recipes.gone_words(obj).values() if self._plan.missing else ():
             self.report({"WARNING"}, f"{words}. The points stored in the morph were used")
         for warning in said:

@@ -44,6 +44,9 @@ _AT_REST = {
 }
 """Modifiers that do nothing to the target either if they do nothing to the source now."""
 
+_NOT_APPLIED = {"COLLISION", "PARTICLE_SYSTEM", "SURFACE"}
+"""Modifiers that make no mesh that a copy could have."""
+
 _ROUNDER = 0.01
 """Of the diagonal: how far Subdivision Surface may move vertices, on average, to stay. A ball of
 162 vertices is moved by 0.006 and ends 0.005 from a head; one of 42 by 0.022, and 0.013 from it."""
@@ -56,6 +59,13 @@ def left_out(obj):
         return []
     names = [modifier.name for modifier in obj.modifiers if modifier.show_viewport]
     return names + _keys_that_show(obj)
+
+
+def may_change(obj):
+    """Whether any of these can make `changed_by` name something, for all that one can tell without
+    looking."""
+    shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
+    return bool(_keys_that_show(obj)) or any(m.type not in _KEPT for m in shown)
 
 
 def _keys_that_show(obj):
@@ -87,6 +97,11 @@ def changed_by(context, obj):
     if (shown or by_parent) and _moved(context, obj, True, np.max) > 1e-5:
         return names
     return names if rounding and _moved(context, obj, False, np.mean) > _ROUNDER else []
+
+
+def dropped_by(obj):
+    """Names of modifiers that a copy can't have applied and goes without: particles, collisions."""
+    return [modifier.name for modifier in obj.modifiers if modifier.type in _NOT_APPLIED]
 
 
 def _moved(context, obj, alone, how):
@@ -176,12 +191,12 @@ def renew(context, copy):
     return before
 
 
-def put_back(copy, mesh, hidden, not_rendered):
+def put_back(context, copy, mesh, hidden, not_rendered):
     """Gives a copy the mesh that it had before `renew`, and shows its original as before."""
     now, copy.data = copy.data, mesh
     if not now.users:
         bpy.data.meshes.remove(now)
-    _show(copy.pointmorph.shown_from, hidden, not_rendered)
+    _show(context, copy.pointmorph.shown_from, hidden, not_rendered)
 
 
 def _mesh_as_shown(context, obj, created):
@@ -244,11 +259,11 @@ def _hide(context, obj):
         obj.hide_render = True
 
 
-def _show(original, hidden, not_rendered):
+def _show(context, original, hidden, not_rendered):
     if original is None:  # deleted meanwhile
         return
     with contextlib.suppress(RuntimeError):  # it isn't in this view layer any more
-        original.hide_set(hidden)
+        original.hide_set(hidden, view_layer=context.view_layer)
     if original.is_editable:
         original.hide_render = not_rendered
 
@@ -338,8 +353,8 @@ def _forget_morph(copy):
         copy.pointmorph.property_unset(name)
 
 
-def remove(copy, hidden, not_rendered):
+def remove(context, copy, hidden, not_rendered):
     """Takes a copy away, and shows its original as before."""
     original = copy.pointmorph.shown_from
     morph_builder.remove(copy)
-    _show(original, hidden, not_rendered)
+    _show(context, original, hidden, not_rendered)

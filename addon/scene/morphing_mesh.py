@@ -1,5 +1,6 @@
 """What models carry besides their form: a copy of the source that morphs with all it has."""
 
+import contextlib
 from itertools import pairwise
 
 import bmesh
@@ -195,14 +196,15 @@ def remake(context, obj, plan, outcome):
     pairs = morph_builder.build(context, outcome, f"{obj.name} Points", provenance)
     try:
         recipes.remember(pairs, plan.recipe, outcome)
-        said = remake_mesh(obj, pairs)
-        said += attribute_transfer.again(context, obj)
-        said += blended_textures.again(context, obj, outcome.drawn)
         pairs.pointmorph.mesh = obj
         slider_keys.follow(pairs, obj)
-        stagger.follow(pairs, obj)
-        pairs.hide_set(True, view_layer=context.view_layer)
+        with contextlib.suppress(RuntimeError):  # its collection is excluded
+            pairs.hide_set(True, view_layer=context.view_layer)
         pairs.hide_render = True
+        said = remake_mesh(obj, pairs)
+        stagger.follow(pairs, obj)
+        said += attribute_transfer.again(context, obj)
+        said += blended_textures.again(context, obj, outcome.drawn)
     except BaseException:
         morph_builder.remove(pairs)
         raise

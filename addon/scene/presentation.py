@@ -20,6 +20,7 @@ from . import (
     stagger,
     staleness,
 )
+from .shape_reader import is_in
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
 
@@ -76,6 +77,7 @@ def or_as_before(context, obj, is_new):
                 shape.hide_render = not_rendered
         for one in {morph_object.shown_of(obj), obj} if is_new else ():
             morph_builder.remove(one)
+        points_display.remove_unused()
         raise
 
 
@@ -168,7 +170,8 @@ def hidden_shapes(context):
     return [
         shape
         for shape in originals
-        if shape.name in context.view_layer.objects and (shape.hide_get() or shape.hide_render)
+        if is_in(context.view_layer, shape)
+        and (shape.hide_get() or (shape.hide_render and shape.is_editable))
     ]
 
 

@@ -97,7 +97,7 @@ def _draw_left_out(layout, context, source):
     column = _draw_beside_name(layout).column(align=True)
     if source.pointmorph.keep_modifiers:
         column.label(text=f"{', '.join(names)} also on the target", icon="INFO")
-    else:
+    elif as_shown.may_change(source):
         column.label(text=_with_vertices("As shown", context, source))
     column.prop(source.pointmorph, "keep_modifiers")
 

@@ -191,6 +191,7 @@ def test_a_morph_at_its_end_is_a_source(settings):
 
 
 def test_after_an_error_the_source_is_itself(addon, mirrored, settings, monkeypatch):
+    addon("scene.points_display").remove_unused()  # those of other tests
     def fail(*_):
         raise RuntimeError("of Blender's")
 
@@ -200,7 +201,7 @@ def test_after_an_error_the_source_is_itself(addon, mirrored, settings, monkeypa
     assert settings.source == mirrored
     assert not mirrored.hide_get()
     assert not mirrored.hide_render
-    assert {block for block in data_blocks() - before if "node_groups" not in block} == set()
+    assert data_blocks() - before == set()
 
 
 def add_other(kind):
@@ -277,7 +278,7 @@ def test_an_object_that_cannot_be_morphed_is_named(settings, addon):
     for obj in bpy.context.scene.objects:
         obj.select_set(True)
     reason = addon("operators.polls").morph_reason(bpy.context)
-    assert reason == '"Camera" can\'t be morphed, because it has no faces or points (Camera)'
+    assert reason == '"Camera" can\'t be morphed: it has no surface (Camera)'
     bpy.data.objects["Camera"].select_set(False)
     assert bpy.ops.pointmorph.pick_selected() == {"FINISHED"}
 
@@ -386,3 +387,45 @@ def test_a_copy_lies_where_its_original_is(settings):
     copy = settings.source
     assert copy.users_collection == (home,)
     np.testing.assert_allclose(in_world(copy), places, atol=1e-5)
+
+
+def test_points_keep_no_modifiers(mirrored, settings, capfd):
+    settings.show_as = "POINTS"
+    mirrored.pointmorph.keep_modifiers = True
+    morph()
+    assert "of the source: they change the target" not in capfd.readouterr().out
+
+
+def test_what_a_copy_goes_without_is_named(mirrored, capfd):
+    mirrored.modifiers.new("Fur", "PARTICLE_SYSTEM")
+    bpy.context.view_layer.update()
+    morph()
+    assert "goes without Fur of the source" in capfd.readouterr().out
+
+
+def test_a_copy_that_undo_took_away_is_said_to_be_gone(addon, mirrored, settings, monkeypatch):
+    chains = addon("data.chains")
+    compute = chains.compute_all
+
+    def undo(*arguments):
+        bpy.data.objects.remove(bpy.data.objects["Half as Shown"])
+        return compute(*arguments)
+
+    monkeypatch.setattr(chains, "compute_all", undo)
+    with pytest.raises(RuntimeError, match="gone after undo. Press Morph again."):
+        bpy.ops.pointmorph.morph()
+
+
+def test_after_an_interruption_the_source_is_itself(addon, mirrored, settings, monkeypatch):
+    class Interruption(BaseException):
+        """As Ctrl-C, which pytest would take for its own."""
+
+    def interrupt(*_):
+        raise Interruption
+
+    monkeypatch.setattr(addon("data.chains"), "compute_all", interrupt)
+    before = data_blocks()
+    assert "Interruption" in error_of(bpy.ops.pointmorph.morph)
+    assert settings.source == mirrored
+    assert not mirrored.hide_get()
+    assert data_blocks() - before == set()
