@@ -192,6 +192,7 @@ def test_a_morph_at_its_end_is_a_source(settings):
 
 def test_after_an_error_the_source_is_itself(addon, mirrored, settings, monkeypatch):
     addon("scene.points_display").remove_unused()  # those of other tests
+
     def fail(*_):
         raise RuntimeError("of Blender's")
 
@@ -314,7 +315,7 @@ def test_a_source_picked_again_renews_its_copy(mirrored, settings):
     mirrored.modifiers.new("Round", "SUBSURF")
     pick(mirrored, target)
     bpy.context.view_layer.update()
-    before, blocks = shown_surface(mirrored), data_blocks()
+    before, meshes = shown_surface(mirrored), len(bpy.data.meshes)
     name, keyed = shown.name, shown.data.shape_keys.key_blocks["Morph"]
     keyed.value = 0.0
     bpy.ops.pointmorph.morph()
@@ -322,7 +323,7 @@ def test_a_source_picked_again_renews_its_copy(mirrored, settings):
     assert len(bpy.context.scene.objects) == 5
     assert shown.name == name
     np.testing.assert_allclose(shown_surface(shown), before, atol=1e-5)
-    assert len(data_blocks() - blocks) == 1  # the mesh of the copy
+    assert len(bpy.data.meshes) == meshes
 
 
 def test_after_an_error_a_renewed_copy_is_as_before(addon, mirrored, settings, monkeypatch):
@@ -429,3 +430,13 @@ def test_after_an_interruption_the_source_is_itself(addon, mirrored, settings, m
     assert settings.source == mirrored
     assert not mirrored.hide_get()
     assert data_blocks() - before == set()
+
+
+def test_what_does_nothing_is_not_called_as_shown(addon):
+    known = addon("scene.as_shown")
+    source, _ = pair(14, 12)
+    put_on(source, "triangles")
+    assert known.left_out(source) == ["Triangles"]
+    assert not known.may_change(source)
+    put_on(source, "mirror")
+    assert known.may_change(source)
