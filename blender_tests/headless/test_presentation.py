@@ -354,3 +354,43 @@ def test_an_error_nobody_thought_of_leaves_the_scene_as_it_was(addon, settings, 
     assert bpy.context.view_layer.objects.active == source
     monkeypatch.undo()
     assert morph().name == "Hill to Dune"
+
+
+def test_colors_are_taken_off_without_the_mesh_that_was_deleted(painted):
+    points = painted[2].pointmorph.made_from
+    bpy.ops.pointmorph.show_distortion()
+    bpy.data.objects.remove(painted[2])
+    select(points)
+    bpy.ops.pointmorph.show_distortion()
+    assert points.pointmorph.mesh is None
+    assert not points.hide_get()
+
+
+def test_points_deleted_before_a_failed_recomputation_stay_so(painted, addon, monkeypatch):
+    points = painted[2].pointmorph.made_from
+    points.hide_set(False)
+    select(points)
+    bpy.ops.object.delete()
+    select(painted[2])
+
+    def fail(*_):
+        raise RuntimeError("of Blender's")
+
+    monkeypatch.setattr(addon("scene.morphing_mesh"), "remake", fail)
+    assert "of Blender's" in error_of(bpy.ops.pointmorph.recompute)
+    assert not points.users_collection
+
+
+@pytest.mark.parametrize("excluded", [False, True])
+def test_points_are_made_again_in_an_excluded_collection(painted, excluded):
+    shown = painted[2]
+    bpy.data.objects.remove(shown.pointmorph.made_from)
+    if excluded:
+        away = bpy.data.collections.new("Away")
+        bpy.context.scene.collection.children.link(away)
+        layer = bpy.context.view_layer.layer_collection.children["Away"]
+        bpy.context.view_layer.active_layer_collection = layer
+        layer.exclude = True
+    select(shown)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert shown.pointmorph.made_from.pointmorph.mesh == shown
