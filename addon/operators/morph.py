@@ -253,9 +253,12 @@ class _Morphing(Recomputing):
         with presentation.or_as_before(context, obj, not again):
             present(self, context, obj, outcome, again)
             self._say_applied(obj, recipes.shapes_of(obj))
-        for _, mesh, *_ in self._renewed:
-            if (old := find(bpy.data.meshes, mesh)) is not None and not old.users:
+        for reference, mesh, *_ in self._renewed:
+            old = find(bpy.data.meshes, mesh)
+            if old is not None and not old.users:
+                name = old.name
                 bpy.data.meshes.remove(old)
+                find(bpy.data.objects, reference).data.name = name
         return {"FINISHED"}
 
 

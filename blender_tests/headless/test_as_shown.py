@@ -324,6 +324,7 @@ def test_a_source_picked_again_renews_its_copy(mirrored, settings):
     assert shown.name == name
     np.testing.assert_allclose(shown_surface(shown), before, atol=1e-5)
     assert len(bpy.data.meshes) == meshes
+    assert copy.data.name == "Half as Shown"
 
 
 def test_after_an_error_a_renewed_copy_is_as_before(addon, mirrored, settings, monkeypatch):
