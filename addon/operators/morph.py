@@ -83,13 +83,18 @@ class _Morphing(Recomputing):
         all shapes that are no meshes. Returns the morph that is to be computed again, if any: the
         copies that it was made of get their present form."""
         settings = context.scene.pointmorph
-        shapes = [shape for shape in staleness.picked_shapes(context.scene) if shape is not None]
+        shapes = staleness.picked_shapes(context.scene)
+        self._kept = self._applied = self._dropped = ()
+        self._copies, self._renewed = [], []
+        if None in shapes:
+            raise pointmorph.CloudError(
+                "Source and Target", "two objects", "one that is gone", "Choose it again."
+            )
         update(context, *dict.fromkeys(shapes))
         names = as_shown.changed_by(context, settings.source)
         keeps = settings.source.pointmorph.keep_modifiers
         self._kept, self._applied = (names, ()) if keeps else ((), names)
         self._dropped = as_shown.dropped_by(settings.source) if self._applied else ()
-        self._copies, self._renewed = [], []
         taken = [
             shape
             for shape in dict.fromkeys(shapes)

@@ -408,7 +408,9 @@ TEST(MeshMotion, AThinPlateKeepsItsSides) {
         const Positions thickness = plate.positions * turn;
         for (int k = 0; k < kTimes; ++k) {
             const Positions now = trip.motion.at(k / (kTimes - 1.0)) * turn;
-            EXPECT_LT((now - thickness).col(2).cwiseAbs().maxCoeff(), 0.006) << seed;
+            // 1 where each side stays on its side, -1 where the plate has turned over.
+            const double kept = now.col(2).dot(thickness.col(2)) / thickness.col(2).squaredNorm();
+            EXPECT_GT(kept, 0.7) << seed;
         }
     }
 }
