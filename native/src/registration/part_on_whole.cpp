@@ -391,16 +391,18 @@ std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks
 }  // namespace
 
 PartOrWhole refine_part_or_whole(const RefinementCloud& source, const RefinementCloud& target,
-                                 std::span<const Feature> features,
-                                 const RefinementOptions& options, Progress& progress,
-                                 const RefinementStart* start) {
+                                 std::span<const Feature> features, const RefinementOptions& given,
+                                 Progress& progress, const RefinementStart* start) {
     constexpr double kFits = 0.025;      // what a map costs at most of a shape that lacks little
     constexpr double kFitsWell = 0.012;  // none better is looked for
     constexpr double kMuchBetter = 0.75, kBetter = 0.9;
+    const bool has_part = source.ends.empty() != target.ends.empty();
+    RefinementOptions options = given;
+    if (has_part) options.pose.as_given = 1.0;  // where a part lies says nothing of how it belongs
     const auto onto_all = [&] {
         return PartOrWhole{refine(source, target, features, options, progress, start)};
     };
-    if (source.ends.empty() == target.ends.empty()) return onto_all();
+    if (!has_part) return onto_all();
     return quietly(progress, [&](Progress& quiet) -> PartOrWhole {
         if (start) {
             const PartOfWhole shapes({source, target}, options, quiet);
