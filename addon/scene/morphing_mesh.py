@@ -67,6 +67,8 @@ def make_mesh(context, obj):
 
 def left_off(source):
     """Names of the modifiers of a source that a copy of it can't have."""
+    if source is None:  # deleted, or undone
+        return []
     return [modifier.name for modifier in source.modifiers if modifier.type in nodes.MUST_BE_FIRST]
 
 
