@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "base/angle.hpp"
+#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/welding.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
@@ -106,27 +106,14 @@ void find_areas(Mesh& mesh) {
     }
 }
 
-Index root_of(std::vector<Index>& parents, Index i) {
-    while (parents[to_size(i)] != i) {
-        parents[to_size(i)] = parents[to_size(parents[to_size(i)])];
-        i = parents[to_size(i)];
-    }
-    return i;
-}
-
 void find_parts(Mesh& mesh) {
     const auto count = to_index(mesh.positions.rows());
-    std::vector<Index> parents(to_size(count));
-    std::iota(parents.begin(), parents.end(), 0);
+    JoinedRows joined(to_size(count));
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
-        for (Index k = 1; k < 3; ++k) {
-            const auto [low, high] = std::minmax(
-                {root_of(parents, mesh.triangles(f, 0)), root_of(parents, mesh.triangles(f, k))});
-            parents[to_size(high)] = low;
-        }
+        for (Index k = 1; k < 3; ++k) joined.join(mesh.triangles(f, 0), mesh.triangles(f, k));
     Values areas = Values::Zero(count);
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
-        areas[root_of(parents, mesh.triangles(f, 0))] += mesh.areas[f];
+        areas[joined.root(mesh.triangles(f, 0))] += mesh.areas[f];
     std::vector<Index> roots;
     for (Index p = 0; p < count; ++p)
         if (areas[p] > 0.0) roots.push_back(p);
@@ -138,7 +125,7 @@ void find_parts(Mesh& mesh) {
         mesh.part_areas[static_cast<Eigen::Index>(k)] = areas[roots[k]];
     }
     mesh.parts.resize(to_size(count));
-    for (Index p = 0; p < count; ++p) mesh.parts[to_size(p)] = label[to_size(root_of(parents, p))];
+    for (Index p = 0; p < count; ++p) mesh.parts[to_size(p)] = label[to_size(joined.root(p))];
 }
 
 /// Whether the largest part is closed and its faces show their inside.

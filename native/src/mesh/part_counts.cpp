@@ -1,32 +1,13 @@
 #include "pointmorph/mesh/part_counts.hpp"
 
 #include <algorithm>
-#include <numeric>
 
+#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
 
 namespace pointmorph {
 
 namespace {
-
-/// Corners of triangles, numbered 3 f + k, joined where they are of one fan.
-class Fans {
-public:
-    explicit Fans(Eigen::Index corners) : parents_(static_cast<std::size_t>(corners)) {
-        std::iota(parents_.begin(), parents_.end(), 0);
-    }
-    Index root(Index i) {
-        while (parents_[to_size(i)] != i) {
-            parents_[to_size(i)] = parents_[to_size(parents_[to_size(i)])];
-            i = parents_[to_size(i)];
-        }
-        return i;
-    }
-    void join(Index i, Index j) { parents_[to_size(root(i))] = root(j); }
-
-private:
-    std::vector<Index> parents_;
-};
 
 /// Whether a border lies on a line: a face without an area, which the mesh lacks, had closed it.
 bool is_slit(const Mesh& mesh, const std::vector<Index>& border, double length) {
@@ -57,7 +38,8 @@ std::vector<PartCounts> count_parts(const Mesh& mesh) {
     const auto part_of = [&](Index place) { return to_size(mesh.parts[to_size(place)]); };
 
     const MeshEdges edges(mesh.triangles);
-    Fans fans(mesh.triangles.size());
+    // Corners of triangles, numbered 3 f + k, joined where they are of one fan.
+    JoinedRows fans(static_cast<std::size_t>(mesh.triangles.size()));
     for (Index e = 0; e < edges.size(); ++e) {
         const auto sides = edges[e];
         const std::size_t part = part_of(start_of(mesh.triangles, sides.front()));

@@ -11,40 +11,19 @@
 #include <vector>
 
 #include "base/angle.hpp"
+#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-/// Vertices that are one, by the lowest of them.
-class Classes {
-public:
-    explicit Classes(std::size_t count) : parents_(count) {
-        std::iota(parents_.begin(), parents_.end(), 0);
-    }
-    Index root(Index i) {
-        while (parents_[to_size(i)] != i) {
-            parents_[to_size(i)] = parents_[to_size(parents_[to_size(i)])];
-            i = parents_[to_size(i)];
-        }
-        return i;
-    }
-    void join(Index i, Index j) {
-        const auto [low, high] = std::minmax({root(i), root(j)});
-        parents_[to_size(high)] = low;
-    }
-
-private:
-    std::vector<Index> parents_;
-};
-
 using Side = MeshEdges::Side;
 
 /// Joins the corners of triangles at edges.
 class Seams {
 public:
-    Seams(const Mesh& mesh, Classes& vertices) : mesh_(mesh), vertices_(vertices) {
+    Seams(const Mesh& mesh, JoinedRows& vertices) : mesh_(mesh), vertices_(vertices) {
         double volume = 0.0;  // six times
         for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f) {
             const auto corner = [&](Index k) -> Vector3 {
@@ -133,13 +112,13 @@ private:
     }
 
     const Mesh& mesh_;
-    Classes& vertices_;
+    JoinedRows& vertices_;
     std::vector<Side> alone_;
     bool inward_ = false;  ///< whether faces show their inside
 };
 
 /// Joins vertices that no triangle has to those that stand for them.
-void take_unused(const Polygons& faces, const Mesh& mesh, Classes& vertices) {
+void take_unused(const Polygons& faces, const Mesh& mesh, JoinedRows& vertices) {
     std::vector<char> is_used(mesh.places.size(), 0);
     for (Index c = 0; c < mesh.vertices.size(); ++c)
         is_used[to_size(mesh.vertices(c / 3, c % 3))] = 1;
@@ -194,7 +173,7 @@ void weld(const Positions& vertices, Mesh& mesh) {
 
 void part_what_touches(const Polygons& faces, Mesh& mesh) {
     if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return;
-    Classes vertices(mesh.places.size());
+    JoinedRows vertices(mesh.places.size());
     const MeshEdges edges(mesh.triangles);
     Seams seams(mesh, vertices);
     for (Index e = 0; e < edges.size(); ++e) seams.close(edges[e]);
