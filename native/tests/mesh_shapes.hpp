@@ -117,6 +117,23 @@ inline Cloud cylinder(Index corners) {
     return cloud;
 }
 
+/// Radius 1 about the z axis: `around` times `along` quads about a tube.
+inline Cloud torus(Index around, Index along, double tube) {
+    Cloud cloud;
+    cloud.name = "torus";
+    cloud.positions.resize(around * along, 3);
+    for (Index u = 0; u < around; ++u)
+        for (Index v = 0; v < along; ++v) {
+            const double a = 2.0 * std::numbers::pi * u / around,
+                         b = 2.0 * std::numbers::pi * v / along, radius = 1.0 + tube * std::cos(b);
+            cloud.positions.row(u * along + v) << radius * std::cos(a), radius * std::sin(a),
+                tube * std::sin(b);
+            const Index next_u = (u + 1) % around * along, next_v = (v + 1) % along;
+            add_face(cloud.faces, {u * along + v, next_u + v, next_u + next_v, u * along + next_v});
+        }
+    return cloud;
+}
+
 /// Both in one cloud, vertices of the second last.
 inline Cloud together(const Cloud& a, const Cloud& b) {
     Cloud cloud;

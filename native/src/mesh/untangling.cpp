@@ -248,16 +248,28 @@ Values shares_of(const MeshPatch& patch, const ElasticSheet& sheet,
 }
 
 /// Takes patches back to where they were at `start` where more became worse than better.
-void take_back(const Mesh& mesh, const WrapPartners& planes, const std::vector<MeshPatch>& patches,
-               const Creases& creases, const Positions& start, Positions& x) {
+void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
+               const std::vector<MeshPatch>& patches, const UntangleOptions& options,
+               const Positions& start, Positions& x) {
     const Positions end = x;
-    const auto cost = [&](const Positions& at, Index f) {
-        return creases.of_face(at, f) + (agreement(mesh, planes, at, f) < 0.0 ? 1 : 0);
+    const Values bare_before = options.bare ? options.bare(start) : Values();
+    const Values bare_now = options.bare ? options.bare(end) : Values();
+    const auto lies_against = [&](const Positions& at, Index f) {
+        return agreement(mesh, planes, at, f) < 0.0 ? 1 : 0;
     };
     for (const MeshPatch& patch : patches) {
         Index more = 0;
-        for (const Index f : patch.faces) more += cost(end, f) - cost(start, f);
-        if (more <= 0) continue;
+        double bared = 0.0, turned = 0.0;
+        for (const Index f : patch.faces) {
+            const int less = lies_against(start, f) - lies_against(end, f);
+            more -= less;
+            if (options.creases)
+                more += options.creases->of_face(end, f) - options.creases->of_face(start, f);
+            if (!options.bare) continue;
+            bared += bare_now[f] - bare_before[f];
+            turned += 0.5 * less * sheet.metric_sides(f).determinant();
+        }
+        if (more <= 0 && bared <= std::max(turned, 0.0)) continue;
         for (const Index v : patch.vertices) x.row(v) = start.row(v);
     }
 }
@@ -280,7 +292,8 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     if (bad.empty()) return 0;
     const std::vector<MeshPatch> patches =
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
-    const Positions start = options.creases ? x : Positions();
+    const bool may_worsen = options.creases || options.bare;
+    const Positions start = may_worsen ? x : Positions();
     const std::vector<double> of_faces = shares_of(mesh, sheet, bad, options);
     parallel_for(
         to_index(patches.size()), progress,
@@ -314,7 +327,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
             }
         },
         0.0, 1.0, 1);
-    if (options.creases) take_back(mesh, planes, patches, *options.creases, start, x);
+    if (may_worsen) take_back(mesh, sheet, planes, patches, options, start, x);
     return to_index(std::ranges::count_if(
         bad, [&](Index f) { return agreement(mesh, planes, x, f) < options.least_agreement; }));
 }

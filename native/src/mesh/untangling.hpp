@@ -39,6 +39,10 @@ struct UntangleOptions {
     /// Surroundings in which more sides of faces would become creases than faces are turned back
     /// stay as they were, where these are given.
     const Creases* creases = nullptr;
+    /// Of each face: the area of the target that has its place there and that no face reaches, with
+    /// vertices at these places; in the unit of the sheet's metric. Surroundings that would bare
+    /// more of it than faces are turned back stay as they were, where this is given.
+    std::function<Values(const Positions&)> bare = {};
 };
 
 /// Moves vertices around faces that lie against `planes`, in these, until none does or nothing gets

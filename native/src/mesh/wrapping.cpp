@@ -112,22 +112,37 @@ public:
     }
 
     /// Turns back what lies against the target, puts all onto it, and onto the faces of `surface`
-    /// where there is one, lets them slide, and smooths what is creased.
+    /// where there is one, lets them slide, and smooths what is creased. Where that takes the mesh
+    /// off much of the target, what keeps it there stays as it lies: the wall of a hole that the
+    /// target doesn't have.
     void finish(const Mesh* surface, Progress& progress) {
-        sides_ =
-            samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
-        turn_back(progress);
+        constexpr double kMuch = 0.03;  // of the area
         std::optional<Faces> faces;
         if (surface) faces.emplace(*surface, scale_, progress);
-        land(faces ? &*faces : nullptr, progress);
-        slide(faces ? &*faces : nullptr, progress);
-        smooth_creases(faces ? &*faces : nullptr, progress);
+        const Positions settled = x_;
+        finish_on(faces ? &*faces : nullptr, progress);
+        const double bare = bare_by_face(x_, progress).sum();
+        if (bare < kMuch) return;
+        const Positions bared = std::exchange(x_, settled);
+        stays_on_ = true;
+        finish_on(faces ? &*faces : nullptr, progress);
+        constexpr double kFarLess = 0.5;
+        if (!(bare_by_face(x_, progress).sum() < kFarLess * bare)) x_ = bared;
     }
 
     /// In √area.
     Positions places() && { return std::move(x_); }
 
 private:
+    void finish_on(const Faces* faces, Progress& progress) {
+        sides_ =
+            samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
+        turn_back(progress);
+        land(faces, progress);
+        slide(faces, progress);
+        smooth_creases(faces, progress);
+    }
+
     void settle(double length, Progress& progress) {
         const double rings = length / spacing_;
         const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 3.0, 60.0));
@@ -267,9 +282,22 @@ private:
             const Index before = left_;
             UntangleOptions untangling;
             if (options_.keep_uncreased) untangling.creases = &creases;
+            if (stays_on_)
+                untangling.bare = [&](const Positions& at) { return bare_by_face(at, progress); };
             left_ = untangle(mesh_, sheet_, partners, is_fixed, untangling, x_, progress);
             if (left_ == 0 || (round > 0 && left_ >= before)) break;
         }
+    }
+
+    /// Of each face: the area of the samples that lie there by the inverse map and that no face of
+    /// the mesh reaches, with vertices at `x`.
+    Values bare_by_face(const Positions& x, Progress& progress) {
+        constexpr double kFar = 0.05;
+        tree_.move(x, progress);
+        Values result = Values::Zero(mesh_.triangles.rows());
+        for (const Index s : samples_.uncovered(tree_, kFar, progress))
+            result[samples_.on_mesh(s).triangle] += samples_.share();
+        return result;
     }
 
     /// fixed(), and the vertices of borders.
@@ -367,8 +395,9 @@ private:
     std::vector<WrapMark> marks_;
     std::vector<Pull> pulls_;
     Values areas_;
-    Normals sides_;   ///< of the partners
-    Index left_ = 0;  ///< faces that lie against the target
+    Normals sides_;          ///< of the partners
+    bool stays_on_ = false;  ///< whether turning faces back may not bare the target
+    Index left_ = 0;         ///< faces that lie against the target
     double spacing_ = 0.0;
 };
 

@@ -99,8 +99,8 @@ std::vector<std::string> handle_warnings(const PreparedShapes& shapes) {
     if (!s || !t || *s == *t || std::min(*s, *t) > 0 || std::max(*s, *t) > 1) return {};
     const std::string &one = shapes.source.name, &other = shapes.target.name;
     if (*s > *t)
-        return {"The hole through " + one + " can't close: its faces leave part of " + other +
-                " bare. Fill that hole first, or give " + other + " one."};
+        return {"The hole through " + one + " can't close: its wall becomes a thin tube through " +
+                other + ". Fill that hole first, or give " + other + " one."};
     return {"No hole can open in the faces of " + one + ": they span the one through " + other +
             ". Give " + one + " a hole first, or fill that of " + other + "."};
 }

@@ -13,6 +13,7 @@
 #include "morph/morphs.hpp"
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/mesh/closest_point.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -446,6 +447,27 @@ TEST(Morph, ImagesThatNoMapCanHaveAreRefused) {
             EXPECT_THROW(Morph(started, options, progress), CloudError);
         }
     }
+}
+
+TEST(Morph, ATorusCoversABall) {
+    SKIP_WHERE_WATCHED();
+    MorphInput input{.source = mesh_shapes::torus(48, 12, 0.25),
+                     .target = mesh_shapes::icosphere(3)};
+    Triangles faces(2 * input.source.faces.size(), 3);
+    for (Index f = 0; f < input.source.faces.size(); ++f) {
+        const auto corners = input.source.faces[f];
+        faces.row(2 * f) << corners[0], corners[1], corners[2];
+        faces.row(2 * f + 1) << corners[0], corners[2], corners[3];
+    }
+    Progress progress;
+    const Morph morph(std::move(input), {}, progress);
+    const Positions end = morph.wrapped(1.0, progress);
+    const TriangleTree tree(end, faces, progress);
+    const Positions ball = shapes::sphere(2000);
+    Index bare = 0;
+    for (Index i = 0; i < ball.rows(); ++i)
+        bare += tree.closest(ball.row(i).transpose(), 0.1).triangle < 0;
+    EXPECT_LT(bare, 20);
 }
 
 }  // namespace
