@@ -39,6 +39,7 @@ struct Sides {
 
 constexpr Index kFewestRows = 100;  // of a piece
 constexpr double kSmall = 0.8;      // a part, where it lies on the whole, both at area 1
+constexpr double kDear = 0.035;     // what a map costs that doesn't fit well
 
 /// What of the whole the part covers where it lies.
 struct Cover {
@@ -363,7 +364,7 @@ std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks
                                       std::span<const Feature> features, bool all,
                                       const RefinementOptions& options, Progress& progress) {
     constexpr double kCost = 8.0;  // how soon a dearer one doesn't count
-    constexpr double kDear = 0.035, kSteep = 4.0;
+    constexpr double kSteep = 4.0;
     std::vector<std::pair<double, PieceMap>> maps;
     for (const LikelyPiece& one : likely_pieces(shapes, marks, all, progress)) {
         const Piece& piece = one.piece;
@@ -395,7 +396,7 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
                                  Progress& progress, const RefinementStart* start) {
     constexpr double kFits = 0.025;      // what a map costs at most of a shape that lacks little
     constexpr double kFitsWell = 0.012;  // none better is looked for
-    constexpr double kMuchBetter = 0.75, kBetter = 0.9;
+    constexpr double kFarBetter = 0.3, kMuchBetter = 0.75, kBetter = 0.9;
     const bool has_part = source.ends.empty() != target.ends.empty();
     RefinementOptions options = given;
     if (has_part) options.pose.as_given = 1.0;  // where a part lies says nothing of how it belongs
@@ -432,7 +433,10 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
         // Laid out as large as the whole, a half's torso is drawn over hips and legs, which costs
         // little: a cheap map may be wrong, too.
         auto best = best_on_piece(*shapes, marks, features, !fits, options, quiet);
-        if (!best || !(best->cost < (fits ? kBetter : kMuchBetter) * its)) return whole;
+        if (!best) return whole;
+        // Of a shape that is like nothing of the whole, some piece costs less than all of it.
+        const double better = fits ? kBetter : best->cost < kDear ? kMuchBetter : kFarBetter;
+        if (!(best->cost < better * its)) return whole;
         return {std::move(best->map), true};
     });
 }

@@ -357,6 +357,21 @@ TEST(PartOnWhole, WhatLacksLittleOrEndsNowhereIsMappedAsAWhole) {
     }
 }
 
+TEST(PartOnWhole, WhatIsLikeNothingOfTheWholeIsMappedAsAWhole) {
+    SKIP_WHERE_WATCHED();
+    const Bust bust;
+    constexpr double kTube = 0.25;
+    const Positions torus = shapes::torus(3000, kTube);
+    Normals normals = torus;
+    for (Index i = 0; i < torus.rows(); ++i)
+        normals.row(i).head<2>() -= torus.row(i).head<2>().normalized();
+    normals /= kTube;
+    Progress progress;
+    EXPECT_FALSE(refine_part_or_whole(bust.of_part(), {torus, normals}, {}, quick_refinement(),
+                                      progress, nullptr)
+                     .is_part);
+}
+
 TEST(PartOnWhole, CanBeCanceled) {
     const Bust bust(1500);
     const ThreadCount one(1);  // which asks as often each time
