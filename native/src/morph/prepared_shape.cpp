@@ -7,6 +7,7 @@
 
 #include "base/grouped.hpp"
 #include "cloud/neighbor_room.hpp"
+#include "cloud/stray_points.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/covariance.hpp"
@@ -54,6 +55,40 @@ PreparedShape ordered(const Cloud& cloud) {
         normals.row(i).normalize();
     }
     return shape;
+}
+
+/// Leaves out what lies off the surface before normals and all else are found: of the cloud without
+/// them, the shape is the same. The nearest of the other points stands for each.
+void leave_out_scattered(PreparedShape& shape, std::span<const Index> strays,
+                         const ShapeInput& input, const PreparationOptions& options,
+                         Progress& progress) {
+    if (strays.empty()) return;
+    std::vector<char> is_stray(to_size(shape.size()), 0);
+    for (const Index i : strays) is_stray[to_size(i)] = 1;
+    std::vector<Index> kept, left_out;  // given rows
+    for (Index given = 0; given < input.cloud.size(); ++given) {
+        const Index sorted = shape.sorted_rows[to_size(given)];
+        (is_stray[to_size(sorted)] ? left_out : kept).push_back(given);
+    }
+    Cloud rest;
+    rest.name = input.cloud.name;
+    rest.positions = gather(input.cloud.positions, kept);
+    if (shape.normals_given) rest.normals = gather(input.cloud.normals, kept);
+    PreparedShape result = ordered(rest);
+    result.radii = input.cloud.radii;
+    for (Index& given : result.given_rows) given = kept[to_size(given)];
+    std::vector<Index> sorted_rows(to_size(input.cloud.size()));
+    for (std::size_t k = 0; k < kept.size(); ++k)
+        sorted_rows[to_size(kept[k])] = result.sorted_rows[k];
+    const KdTree<3> tree(result.positions);
+    const Positions places = result.unit.apply(gather(input.cloud.positions, left_out));
+    const std::vector<Index> stand_ins = nearest_rows(tree, places);
+    for (std::size_t k = 0; k < left_out.size(); ++k)
+        sorted_rows[to_size(left_out[k])] = stand_ins[k];
+    result.sorted_rows = std::move(sorted_rows);
+    result.nearest = nearest_neighbors(tree, options.neighbors, progress);
+    result.left_out = to_index(strays.size());
+    shape = std::move(result);
 }
 
 void find_normals(PreparedShape& shape, Progress& progress) {
@@ -148,7 +183,7 @@ void leave_out_strays(PreparedShape& shape, const PreparationOptions& options, P
     shape.nearest = nearest_neighbors(tree, options.neighbors, progress);
     shape.loops.reset();
     find_loops(shape, options.boundary, progress);
-    shape.left_out = to_index(left_out.size());
+    shape.left_out += to_index(left_out.size());
 }
 
 /// All shapes next to each other, stage by stage.
@@ -178,6 +213,14 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
                     std::make_shared<const KdTree<3>>(std::move(*trees[to_size(k)]));
         }
     }
+    std::vector<std::vector<Index>> strays(inputs.size());
+    parallel_invoke(count, [&](int k, bool) {
+        const PreparedShape& shape = shapes[to_size(k)];
+        if (inputs[to_size(k)].parts.empty())  // else faces say what is surface
+            strays[to_size(k)] = stray_points(shape.positions, shape.nearest);
+    });
+    for (std::size_t k = 0; k < shapes.size(); ++k)
+        leave_out_scattered(shapes[k], strays[k], inputs[k], options, progress);
     progress.enter("covariance");
     for (PreparedShape& shape : shapes) find_normals(shape, progress);
 

@@ -156,6 +156,46 @@ TEST(PreparedShape, StraysAreLeftOutAndTheNearestStandForThem) {
     }
 }
 
+TEST(PreparedShape, ScatteredPointsMakeNoDifference) {
+    Cloud clean = ball(2000);
+    clean.positions = shapes::torus(2000, 0.4);
+    Cloud dusty = clean;
+    constexpr Index kDust = 20;
+    dusty.positions.conservativeResize(2000 + kDust, 3);
+    dusty.positions.bottomRows(kDust) = 2.0 * shapes::cube_noise(kDust);
+    dusty.positions.bottomRows(kDust).col(2).array() += 3.0;
+    // In any order of the rows.
+    const auto order = shapes::permutation(2000 + kDust, 5);
+    const PreparedShape expected = prepared(clean), shape = prepared(permuted(dusty, order));
+    EXPECT_EQ(shape.left_out, kDust);
+    EXPECT_EQ(shape.positions, expected.positions);
+    EXPECT_EQ(shape.normals, expected.normals);
+    EXPECT_EQ(shape.nearest.indices, expected.nearest.indices);
+    EXPECT_EQ(shape.topology.labels, expected.topology.labels);
+    EXPECT_EQ(shape.topology.strays, 0);
+    EXPECT_EQ(shape.unit.scale, expected.unit.scale);
+    for (Index given = 0; given < 2000 + kDust; ++given) {
+        const Index row = order[to_size(given)], sorted = shape.sorted_rows[to_size(given)];
+        const Index own =
+            row < 2000 ? row : shapes::nearest_row(clean.positions, dusty.positions.row(row));
+        EXPECT_EQ(sorted, expected.sorted_rows[to_size(own)]);
+        EXPECT_EQ(shape.radii[given], expected.radii[own]);
+        EXPECT_EQ(order[to_size(shape.given_rows[to_size(sorted)])], own);
+    }
+}
+
+TEST(PreparedShape, PointsOfFacesAreNeverLeftOut) {
+    Cloud cloud = ball(1000);
+    cloud.positions.conservativeResize(1060, 3);
+    cloud.positions.bottomRows(60) =
+        (10.0 * shapes::cube_noise(60)).rowwise() + Eigen::RowVector3d(30.0, 0.0, 0.0);
+    const std::vector<Index> parts(1060, 0);
+    Progress progress;
+    EXPECT_EQ(prepare({cloud, parts}, {}, progress).left_out, 0);
+    cloud.positions.conservativeResize(1020, 3);
+    EXPECT_EQ(prepared(cloud).left_out, 20);
+}
+
 TEST(PreparedShape, TheBoundaryIsFoundOrTheOneThatIsGiven) {
     constexpr Index kSide = 25;
     Cloud cloud;

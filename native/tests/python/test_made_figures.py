@@ -75,3 +75,19 @@ def test_a_person_whose_arms_are_held_otherwise_is_not_turned_round(
     morph = pointmorph.morph(cloud(source), cloud(target))
     away = np.linalg.norm(morph.source_to_target - source.truth, axis=1)[source.is_shared]
     assert away.mean() < 0.03 * np.sqrt(cloud_area(target.positions))
+
+
+def with_dust(body: Body, seed: int) -> pointmorph.Cloud:
+    """As a scanner gives it: bare points, and one in a hundred anywhere in the box around."""
+    low, high = body.positions.min(axis=0), body.positions.max(axis=0)
+    random = np.random.default_rng(seed)
+    dust = random.uniform(low, high, (len(body.positions) // 100, 3))
+    return pointmorph.Cloud(np.vstack([body.positions, dust]))
+
+
+def test_a_person_among_stray_points_is_not_turned_round() -> None:
+    source, target = body_pair(made_figures.any_build(made_figures.person), 2002, 4000, 0.3)
+    morph = pointmorph.morph(with_dust(source, 1), with_dust(target, 2))
+    away = np.linalg.norm(morph.source_to_target[: len(source.positions)] - source.truth, axis=1)
+    assert away[source.is_shared].mean() < 0.03 * np.sqrt(cloud_area(target.positions))
+    assert sum("stray points" in warning for warning in morph.report["warnings"]) == 2

@@ -1,0 +1,207 @@
+#include "cloud/stray_points.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "base/grouped.hpp"
+#include "cloud/moments.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr Index kFewestPoints = 200;  // fewer say little about how far apart they should be
+constexpr double kReach = 3.0;        // spacings; random samples of a surface leave no such gap
+constexpr double kThinReach = 5.0;    // spacings; those of its thin parts seldom a larger one
+constexpr double kMost = 0.05;        // a share of the points
+
+/// Spacing of the samples around every point, whatever the point's own distance from them: the
+/// median over the point and its neighbors.
+Values usual_spacing(const Positions& positions, const Neighborhoods& nearest) {
+    const Values own = local_spacing(positions, nearest);
+    Values usual(own.size());
+    std::vector<double> values;
+    for (Index i = 0; i < nearest.size(); ++i) {
+        values.assign(1, own[i]);
+        for (const Index j : nearest[i]) values.push_back(own[j]);
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+        std::ranges::nth_element(values, middle);
+        usual[i] = *middle;
+    }
+    return usual;
+}
+
+/// A shape's points, and what is known of them while the strays among them are looked for.
+class Sorting {
+public:
+    Sorting(const Positions& positions, const Neighborhoods& nearest)
+        : positions_(positions), nearest_(nearest), usual_(usual_spacing(positions, nearest)) {}
+
+    std::vector<Index> strays();
+
+private:
+    double distance(Index i, Index j) const {
+        return (positions_.row(i) - positions_.row(j)).norm();
+    }
+    double few() const {
+        constexpr double kFewest = 8.0, kShare = 0.002;
+        return std::max(kFewest, kShare * static_cast<double>(nearest_.size()));
+    }
+
+    /// Components of points that are within reach of each other.
+    ConnectedComponents near_each_other() const;
+    /// Whether each point is on a component large enough, or dense enough, for a part of the shape.
+    std::vector<char> on_parts(const ConnectedComponents& components) const;
+    /// Adds what is within reach of the points that are on the surface, and so on.
+    void spread(std::vector<char>& is_on) const;
+    /// Whether a point and those around it lie in a plane: then they are surface, if not quite as
+    /// dense as the rest, whose spacing is given.
+    bool is_in_plane(Index i, double spacing) const;
+    /// Of the points `off` the surface, those that are neither on a loose part nor on a thin one,
+    /// such as an antenna.
+    std::vector<Index> scattered(std::span<const Index> off, const std::vector<char>& is_on) const;
+
+    const Positions& positions_;
+    const Neighborhoods& nearest_;
+    Values usual_;
+};
+
+ConnectedComponents Sorting::near_each_other() const {
+    GrowingComponents joined(nearest_.size());
+    for (Index i = 0; i < nearest_.size(); ++i)
+        for (const Index j : nearest_[i])
+            if (!joined.are_joined(i, j) &&
+                distance(i, j) <= kReach * std::min(usual_[i], usual_[j]))
+                joined.join(i, j);
+    return joined.components();
+}
+
+std::vector<char> Sorting::on_parts(const ConnectedComponents& components) const {
+    constexpr double kFew = 0.02;    // a share of the points
+    constexpr double kSparse = 3.0;  // times the largest component's spacing
+    const Grouped<Index> rows(components.count(), [&](auto&& take) {
+        for (Index i = 0; i < nearest_.size(); ++i) take(components.label[to_size(i)], i);
+    });
+    const auto spacing_of = [&](Index component) {
+        std::vector<double> values;
+        for (const Index i : rows[component]) values.push_back(usual_[i]);
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+        std::ranges::nth_element(values, middle);
+        return *middle;
+    };
+    const auto& sizes = components.sizes;
+    const double usual = spacing_of(to_index(std::ranges::max_element(sizes) - sizes.begin()));
+    const auto count = static_cast<double>(nearest_.size());
+    std::vector<char> is_on(to_size(nearest_.size()), 0);
+    for (Index c = 0; c < components.count(); ++c) {
+        const auto size = static_cast<double>(sizes[to_size(c)]);
+        if (size < few() || (size < kFew * count && spacing_of(c) > kSparse * usual)) continue;
+        for (const Index i : rows[c]) is_on[to_size(i)] = 1;
+    }
+    return is_on;
+}
+
+void Sorting::spread(std::vector<char>& is_on) const {
+    const Neighborhoods beside = symmetrized(nearest_);
+    std::vector<Index> reached;
+    const auto reach_from = [&](Index i) {
+        for (const Index j : beside[i])
+            if (!is_on[to_size(j)] && distance(i, j) <= kReach * usual_[i]) {
+                is_on[to_size(j)] = 1;
+                reached.push_back(j);
+            }
+    };
+    for (Index i = 0; i < nearest_.size(); ++i)
+        if (is_on[to_size(i)]) reach_from(i);
+    for (std::size_t k = 0; k < reached.size(); ++k) reach_from(reached[k]);
+}
+
+bool Sorting::is_in_plane(Index i, double spacing) const {
+    constexpr double kThick = 0.3;   // of the distance to the nearest
+    constexpr double kApart = 10.0;  // spacings
+    const auto near = nearest_[i];
+    if (distance(i, near.front()) > kApart * spacing) return false;
+    Moments moments(positions_.row(i).transpose());
+    for (const Index j : near) moments.add(positions_.row(j).transpose());
+    const Eigen::SelfAdjointEigenSolver<Matrix3> eigen(moments.covariance());
+    const Vector3 normal = eigen.eigenvectors().col(0);
+    const double height = normal.dot(positions_.row(i).transpose() - moments.mean());
+    const double thickness = eigen.eigenvalues()[0] / static_cast<double>(near.size());
+    const double most = kThick * distance(i, near.front());
+    return height * height + thickness < most * most;
+}
+
+std::vector<Index> Sorting::scattered(std::span<const Index> off,
+                                      const std::vector<char>& is_on) const {
+    constexpr Index kChain = 3;  // points
+    std::vector<Index> on;
+    for (Index i = 0; i < nearest_.size(); ++i)
+        if (is_on[to_size(i)]) on.push_back(i);
+    const Positions surface = gather(positions_, on);
+    const KdTree<3> tree(surface);
+    // By the surface's own spacing where it is nearest, as scattered points have a large one.
+    Values spacing(static_cast<Eigen::Index>(off.size()));
+    std::vector<char> is_beside(off.size());
+    std::vector<Index> number(to_size(nearest_.size()), -1);
+    for (std::size_t k = 0; k < off.size(); ++k) {
+        Index foot;
+        double squared;
+        tree.nearest(positions_.row(off[k]).data(), {&foot, 1}, {&squared, 1});
+        const double own = usual_[on[to_size(foot)]];
+        spacing[static_cast<Eigen::Index>(k)] = own;
+        is_beside[k] = squared <= kThinReach * own * kThinReach * own;
+        number[to_size(off[k])] = to_index(k);
+    }
+    GrowingComponents joined(to_index(off.size()));
+    for (Index k = 0; k < to_index(off.size()); ++k)
+        for (const Index j : nearest_[off[to_size(k)]]) {
+            const Index other = number[to_size(j)];
+            if (other >= 0 &&
+                distance(off[to_size(k)], j) <= kThinReach * std::min(spacing[k], spacing[other]))
+                joined.join(k, other);
+        }
+    const ConnectedComponents clumps = joined.components();
+    std::vector<char> is_attached(to_size(clumps.count()), 0);
+    for (std::size_t k = 0; k < off.size(); ++k)
+        if (is_beside[k]) is_attached[to_size(clumps.label[k])] = 1;
+    std::vector<Index> result;
+    for (std::size_t k = 0; k < off.size(); ++k) {
+        const auto clump = to_size(clumps.label[k]);
+        const Index size = clumps.sizes[clump];
+        const bool is_thin_part = is_attached[clump] && size >= kChain;
+        if (!is_thin_part && size < few() &&
+            !is_in_plane(off[k], spacing[static_cast<Eigen::Index>(k)]))
+            result.push_back(off[k]);
+    }
+    return result;
+}
+
+std::vector<Index> Sorting::strays() {
+    const ConnectedComponents components = near_each_other();
+    if (components.count() == 1) return {};
+    std::vector<char> is_on = on_parts(components);
+    if (std::ranges::find(is_on, 0) == is_on.end()) return {};
+    spread(is_on);
+    std::vector<Index> off;
+    for (Index i = 0; i < nearest_.size(); ++i)
+        if (!is_on[to_size(i)]) off.push_back(i);
+    if (off.empty() || to_index(off.size()) == nearest_.size()) return {};
+    std::vector<Index> result = scattered(off, is_on);
+    if (static_cast<double>(result.size()) > kMost * static_cast<double>(nearest_.size()))
+        return {};
+    return result;
+}
+
+}  // namespace
+
+std::vector<Index> stray_points(const Positions& positions, const Neighborhoods& nearest) {
+    if (nearest.size() < kFewestPoints) return {};
+    return Sorting(positions, nearest).strays();
+}
+
+}  // namespace pointmorph
