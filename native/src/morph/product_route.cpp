@@ -10,6 +10,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "registration/divided_components.hpp"
 #include "registration/lost_parts.hpp"
 #include "registration/part_on_whole.hpp"
 
@@ -92,19 +93,30 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
         match_components(source_view, target_view, joining_marks(input.features), whole.alignment,
                          options.components, progress);
     if (matching.matched.empty()) return as_one();
-    const ComponentGroups groups =
-        group_components(source_view, target_view, matching, options.components, progress);
-    for (std::string& words : components_in_words(matching, groups, {source.topology, source.name},
-                                                  {target.topology, target.name}))
+    const DividedComponents divided =
+        divide_components(source_view, target_view, matching, joining_marks(input.features),
+                          whole.alignment, progress);
+    const ComponentView source_parts{divided.source, source.positions, source.normals,
+                                     whole.source_images, ends.source};
+    const ComponentView target_parts{divided.target, target.positions, target.normals,
+                                     whole.target_images, ends.target};
+    ComponentGroups groups = group_components(source_parts, target_parts, divided.matching,
+                                              options.components, progress);
+    groups.kinds = divided.kinds;
+    for (std::string& words :
+         components_in_words(divided.matching, groups, {divided.source, source.name},
+                             {divided.target, target.name}))
+        warnings.push_back(std::move(words));
+    for (std::string& words : divisions_in_words(divided, source.name, target.name))
         warnings.push_back(std::move(words));
     const ComponentMarks marks{groups, input.features};
     whole.diagnostics.source_loose = groups.source.loose;
     whole.diagnostics.target_loose = groups.target.loose;
-    const Refinement by_group = mapped_by_group(whole, source_view, target_view, marks,
+    const Refinement by_group = mapped_by_group(whole, source_parts, target_parts, marks,
                                                 {options.components, options.refinement}, progress);
     return kept_apart(by_group,
-                      {source.topology, source.positions, source.normals, by_group.source_images},
-                      {target.topology, target.positions, target.normals, by_group.target_images},
+                      {divided.source, source.positions, source.normals, by_group.source_images},
+                      {divided.target, target.positions, target.normals, by_group.target_images},
                       marks, progress);
 }
 

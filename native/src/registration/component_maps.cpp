@@ -145,16 +145,20 @@ GroupClouds clouds_of(const GroupRows& rows, const ComponentView& source,
             ends_within(rows.target, target.ends)};
 }
 
-/// Every point of `from` moved as the whole goes to `to`; `turn` takes directions there.
-Positions moved_whole(const Positions& from, const Positions& to, const Matrix3& turn) {
-    const auto all = [](const Positions& positions) {
-        std::vector<Index> rows(to_size(positions.rows()));
-        std::iota(rows.begin(), rows.end(), 0);
-        return whole_of(positions, rows);
-    };
-    const Whole a = all(from), b = all(to);
+Whole whole_cloud(const Positions& positions) {
+    std::vector<Index> rows(to_size(positions.rows()));
+    std::iota(rows.begin(), rows.end(), 0);
+    return whole_of(positions, rows);
+}
+
+/// Every point of one moved as that goes to the other as a whole; `turn` takes directions there.
+Positions moved_whole(const Positions& from, const Whole& a, const Whole& b, const Matrix3& turn) {
     const Matrix3 linear = stretch_between(a, b, turn);
     return ((from.rowwise() - a.middle) * linear.transpose()).rowwise() + b.middle;
+}
+
+Positions moved_whole(const Positions& from, const Positions& to, const Matrix3& turn) {
+    return moved_whole(from, whole_cloud(from), whole_cloud(to), turn);
 }
 
 /// How far images are from the points that they should cover, both ways, over the size of these:
@@ -226,12 +230,20 @@ Positions landed(const Positions& images, const OrientedPoints& there, Progress&
     return project_onto_surface(images, nearest_rows(tree, images), tree, there.normals, progress);
 }
 
-/// A group that goes as a whole.
-GroupMap whole_group(const GroupClouds& clouds, const Frame& frame, const GroupMap& by_whole,
-                     const Matrix3& source_turn, Progress& progress) {
-    const Positions on_target =
-                        moved_whole(clouds.source.positions, clouds.target.positions, source_turn),
-                    on_source = moved_whole(clouds.target.positions, clouds.source.positions,
+/// A group that goes as a whole. A share is cut at a slant: what it is for stays straight.
+GroupMap whole_group(const GroupClouds& clouds, GroupKind kind, const Frame& frame,
+                     const GroupMap& by_whole, const Matrix3& source_turn, Progress& progress) {
+    Whole source = whole_cloud(clouds.source.positions),
+          target = whole_cloud(clouds.target.positions);
+    if (kind != GroupKind::kPlain) {
+        const Vector3 axis = kind == GroupKind::kShareOfTarget
+                                 ? axis_of(source)
+                                 : Vector3(source_turn.transpose() * axis_of(target));
+        source = straightened(source, axis);
+        target = straightened(target, source_turn * axis);
+    }
+    const Positions on_target = moved_whole(clouds.source.positions, source, target, source_turn),
+                    on_source = moved_whole(clouds.target.positions, target, source,
                                             source_turn.transpose());
     GroupMap map = by_whole;
     map.source_product =
@@ -409,8 +421,10 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
             gather(whole.source_product, rows[g].source),
             gather(whole.target_product, rows[g].target)};
         const auto fewest = std::min(rows[g].source.size(), rows[g].target.size());
-        if (to_index(fewest) < options.components.fewest_points)
-            maps[g] = whole_group(clouds, frame, by_whole, source_turn, its);
+        const GroupKind kind =
+            marks.groups.kinds.empty() ? GroupKind::kPlain : marks.groups.kinds[g];
+        if (kind != GroupKind::kPlain || to_index(fewest) < options.components.fewest_points)
+            maps[g] = whole_group(clouds, kind, frame, by_whole, source_turn, its);
         else
             maps[g] = refined_group(
                 clouds, of_groups.features[g], group_start(clouds, by_whole.images, source_turn),

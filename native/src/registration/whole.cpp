@@ -34,11 +34,51 @@ Whole whole_of(const Positions& positions, std::span<const Index> rows) {
     return whole;
 }
 
+Whole whole_of(std::span<const Whole> wholes, std::span<const Index> points) {
+    Whole all;
+    double count = 0.0;
+    for (std::size_t k = 0; k < wholes.size(); ++k) {
+        all.middle += static_cast<double>(points[k]) * wholes[k].middle;
+        count += static_cast<double>(points[k]);
+    }
+    all.middle /= count;
+    for (std::size_t k = 0; k < wholes.size(); ++k) {
+        const Vector3 arm = (wholes[k].middle - all.middle).transpose();
+        all.covariance +=
+            static_cast<double>(points[k]) / count * (wholes[k].covariance + arm * arm.transpose());
+    }
+    all.size = std::sqrt(all.covariance.trace());
+    return all;
+}
+
+double distance_between(const Whole& a, const Whole& b) {
+    const Matrix3 root = power(a.covariance, 0.5);
+    const Eigen::SelfAdjointEigenSolver<Matrix3> common(root * b.covariance * root,
+                                                        Eigen::EigenvaluesOnly);
+    const double shared = common.eigenvalues().cwiseMax(0.0).cwiseSqrt().sum();
+    const double squared = (a.middle - b.middle).squaredNorm() + a.covariance.trace() +
+                           b.covariance.trace() - 2.0 * shared;
+    return std::sqrt(std::max(0.0, squared));
+}
+
 Matrix3 stretch_between(const Whole& from, const Whole& to, const Matrix3& turn) {
     if (!(from.size > 0.0)) return turn;
     const Matrix3 turned = turn * from.covariance * turn.transpose();
     const Matrix3 root = power(turned, 0.5), inverse = power(turned, -0.5);
     return inverse * power(root * to.covariance * root, 0.5) * inverse * turn;
+}
+
+Vector3 axis_of(const Whole& whole) {
+    const Eigen::SelfAdjointEigenSolver<Matrix3> solver(whole.covariance);
+    const Vector3& squared = solver.eigenvalues();
+    const bool is_rod = squared[2] * squared[0] > squared[1] * squared[1];
+    return solver.eigenvectors().col(is_rod ? 2 : 0);
+}
+
+Whole straightened(Whole whole, const Vector3& axis) {
+    const Matrix3 along = axis * axis.transpose(), across = Matrix3::Identity() - along;
+    whole.covariance = along * whole.covariance * along + across * whole.covariance * across;
+    return whole;
 }
 
 }  // namespace pointmorph

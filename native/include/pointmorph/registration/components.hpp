@@ -2,6 +2,7 @@
 // that takes each to its counterpart: a body and its two eyes, a tree and its leaves.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
@@ -73,10 +74,14 @@ struct GroupedPoints {
     std::vector<Index> loose;
 };
 
+/// Whether a group has a share of a component that is divided among several. It goes as a whole.
+enum class GroupKind : std::uint8_t { kPlain, kShareOfSource, kShareOfTarget };
+
 struct ComponentGroups {
     GroupedPoints source, target;
     Index count = 0;
     std::vector<char> joined;  ///< of each group: whether there are more than the two matched ones
+    std::vector<GroupKind> kinds;  ///< of each group; empty where all are plain
     /// Components that go with others, out of those that are alone.
     std::vector<Index> source_vanishing, target_appearing;
 };
