@@ -189,7 +189,8 @@ py::dict dict_of(const Quality& quality, bool by_point) {
         worst.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
                               py::arg("flaw") = name_of(place.flaw),
                               py::arg("distortion") = place.distortion,
-                              py::arg("share") = place.share, py::arg("advice") = place.advice));
+                              py::arg("share") = place.share, py::arg("where") = place.where,
+                              py::arg("advice") = place.advice));
     py::list features;
     for (const FeatureResidual& kept : quality.features)
         features.append(py::dict(py::arg("name") = kept.name, py::arg("kind") = name_of(kept.kind),
@@ -212,7 +213,9 @@ py::dict dict_of(const LocalConfidence& confidence) {
     for (const DoubtfulPlace& place : confidence.doubtful)
         doubtful.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
                                  py::arg("confidence") = place.confidence,
-                                 py::arg("share") = place.share, py::arg("advice") = place.advice));
+                                 py::arg("share") = place.share,
+                                 py::arg("unreached") = place.unreached,
+                                 py::arg("where") = place.where, py::arg("advice") = place.advice));
     return py::dict(py::arg("source") = to_numpy(Values(confidence.source)),
                     py::arg("target") = to_numpy(Values(confidence.target)),
                     py::arg("doubtful") = doubtful, py::arg("right") = confidence.right,
@@ -228,7 +231,7 @@ py::dict dict_of(const MeshQuality& quality) {
                               py::arg("position") = py::make_tuple(
                                   place.position[0], place.position[1], place.position[2]),
                               py::arg("share") = place.share, py::arg("distance") = place.distance,
-                              py::arg("advice") = place.advice));
+                              py::arg("where") = place.where, py::arg("advice") = place.advice));
     return py::dict(py::arg("folded") = figures.folded, py::arg("creased") = figures.creased,
                     py::arg("uncovered") = figures.uncovered, py::arg("off") = figures.off,
                     py::arg("grade") = name_of(quality.grade), py::arg("verdict") = quality.verdict,

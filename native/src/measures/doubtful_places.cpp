@@ -88,16 +88,13 @@ std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
                                        "is wrong: then "
                                  : " the map may be wrong (" + percent(place.confidence) +
                                        " sure, " + percent(place.share) + " of " + here + "): ";
-    return sentence(words.where + what + words.remedy + ", for instance point " +
-                    std::to_string(place.source) + " of " + map.source.name + ", now on point " +
-                    std::to_string(place.target) + " of " + map.target.name);
+    return sentence(words.where + what + words.remedy);
 }
 
 /// A place to be named.
 struct NamedPlace {
     DoubtfulPlace place;
     double doubt;
-    bool unreached;
 };
 
 /// Those with the most doubt, of what nothing comes near the first among them.
@@ -117,6 +114,8 @@ std::vector<NamedPlace> named_places(const JudgedSurface& source, const JudgedSu
                             spot.on_source ? partner : spot.row,
                             spot.confidence,
                             spot.share,
+                            spot.unreached,
+                            {},
                             {}};
         const bool is_apart = std::ranges::none_of(places, [&](const NamedPlace& other) {
             const auto distance = [](const JudgedSurface& surface, Index a, Index b) {
@@ -128,24 +127,19 @@ std::vector<NamedPlace> named_places(const JudgedSurface& source, const JudgedSu
         if (!is_apart) continue;
         const PlaceWords words = words_for({source.positions, 1.0 / source.scale, map.source.name},
                                            place.source, marked);
+        place.where = words.where;
         place.advice = advice_about(spot, words, place, map);
-        places.push_back({std::move(place), spot.doubt, spot.unreached});
+        places.push_back({std::move(place), spot.doubt});
     }
     std::ranges::stable_sort(places, std::ranges::greater{}, &NamedPlace::doubt);
     return places;
 }
 
-std::string warning_about(double right, std::span<const NamedPlace> places, const TwoWayMap& map) {
-    std::string text = "Only " + percent(right) + " of the map from " + map.source.name + " to " +
-                       map.target.name + " is likely right: mark more features on both models";
-    // What nothing comes near may belong nowhere.
-    const auto first = std::ranges::find(places, false, &NamedPlace::unreached);
-    if (first != places.end()) {
-        const DoubtfulPlace& place = first->place;
-        text += ", first at point " + std::to_string(place.source) + " of " + map.source.name +
-                " and where it belongs on " + map.target.name;
-    }
-    return text + ". If they have nothing in common, no map between them is right.";
+std::string warning_about(double right, const TwoWayMap& map) {
+    return "Only " + percent(right) + " of the map from " + map.source.name + " to " +
+           map.target.name +
+           " is likely right: mark more features on both models. If they have nothing in common, "
+           "no map between them is right.";
 }
 
 }  // namespace
@@ -158,7 +152,7 @@ DoubtfulPlaces doubtful_places(const JudgedNodes& source, const JudgedNodes& tar
     std::vector<NamedPlace> named =
         named_places(source.surface, target.surface, map, std::move(spots), features);
     DoubtfulPlaces result;
-    if (right < kMostlyRight) result.warning = warning_about(right, named, map);
+    if (right < kMostlyRight) result.warning = warning_about(right, map);
     for (NamedPlace& one : named) result.places.push_back(std::move(one.place));
     return result;
 }

@@ -18,16 +18,10 @@ std::string quoted(const std::string& name) {
 }  // namespace
 
 std::string percent(double share) {
-    std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), share < 0.1 ? "%.1f %%" : "%.0f %%", 100.0 * share);
-    return text.data();
-}
-
-std::string two_digits(double share) {
     const double percents = 100.0 * share;
-    if (percents > 0.0 && percents < 0.001) return "under 0.001 %";
+    if (percents > 0.0 && percents < 0.01) return "under 0.01 %";
     std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), percents < 99.5 ? "%.2g %%" : "%.0f %%", percents);
+    std::snprintf(text.data(), text.size(), percents < 9.95 ? "%.2g %%" : "%.0f %%", percents);
     return text.data();
 }
 

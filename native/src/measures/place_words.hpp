@@ -33,11 +33,8 @@ struct PlaceWords {
 };
 PlaceWords words_for(const DescribedShape& source, Index row, std::span<const MarkedPoint> marks);
 
-/// "0.5 %".
+/// "0.034 %", "42 %".
 std::string percent(double share);
-
-/// "0.034 %".
-std::string two_digits(double share);
 
 /// With a capital, and a full stop.
 std::string sentence(std::string text);

@@ -39,12 +39,6 @@ std::string where(const Cloud& cloud, Index row, std::span<const Feature> featur
     return direction_in_words(normalization(cloud.positions).apply(cloud.positions), row);
 }
 
-std::string two_decimals(double value) {
-    std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), "%.2f", value);
-    return text.data();
-}
-
 /// How a rival map differs from the one that was chosen.
 std::string difference(const Rival& rival, const Cloud& source, std::span<const Feature> features) {
     switch (rival.swap) {
@@ -55,7 +49,7 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
         case Swap::kTurned:
             return "rotated differently";
         case Swap::kRolled:
-            return "rolled about its length, with belly and back swapped";
+            return "rolled about its length, with opposite sides swapped";
         default:
             break;
     }
@@ -194,26 +188,26 @@ std::string sphere_is_stretched() {
 
 std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,
                    std::span<const Feature> features) {
-    const auto point = [&](Index row) {
-        return "point " + std::to_string(row) + " of " + source.name + " (" +
-               where(source, row, features, &Feature::source) + ")";
+    const auto from = [&](Index row) {
+        return where(source, row, features, &Feature::source) + " of " + source.name;
     };
-    std::string text = "Parts may have ended up in the wrong place (confidence " +
-                       two_decimals(found.confidence) + ")";
+    const auto onto = [&](Index row) { return where(target, row, features, &Feature::target); };
+    std::string text =
+        "Parts may have ended up in the wrong place (" + percent(found.confidence) + " sure)";
     std::string mark;
     if (!found.rivals.empty()) {
         const Rival& rival = found.rivals.front();
-        text += ": " + source.name + " fits " + target.name + " in another way too, " +
+        text += ": " + source.name + " fits " + target.name +
+                (rival.ratio < 1.005 ? " as well " : " nearly as well ") +
                 difference(rival, source, features);
-        if (rival.swap != Swap::kRolled)  // whose error says how the models are bent
-            text += ", at " + two_decimals(rival.ratio) + " times the error";
-        mark = point(rival.source) + ", now on point " + std::to_string(rival.target) + " of " +
-               target.name + " and otherwise on point " + std::to_string(rival.rival_target);
+        mark = from(rival.source);
+        const std::string now = onto(rival.target), otherwise = onto(rival.rival_target);
+        if (now != otherwise)
+            mark += ", which is now " + now + " of " + target.name + " and otherwise " + otherwise;
     } else if (!found.proposals.empty()) {
         const Proposal& weakest =
             *std::ranges::min_element(found.proposals, {}, &Proposal::confidence);
-        mark = point(weakest.source) + ", now on point " + std::to_string(weakest.target) + " of " +
-               target.name;
+        mark = from(weakest.source);
     }
     text += ". Mark one place on both models to settle it";
     return text + (mark.empty() ? "." : ", for instance " + mark + ".");

@@ -459,8 +459,7 @@ std::string differences_in_words(const ComponentMatching& matching, const NamedT
     for (const IndexPair& pair : matching.matched) {
         const Component &s = component(source, pair.source), &t = component(target, pair.target);
         if (!differ(s, t) || count++ > 0) continue;
-        first = counted(s.points, "point", "points") + " of " + source.name + ", " + in_words(s) +
-                ", and " + std::to_string(t.points) + " of " + target.name + ", " + in_words(t);
+        first = "in " + source.name + " " + in_words(s) + ", in " + target.name + " " + in_words(t);
     }
     if (count == 0) return "";
     return (count == 1 ? "A piece isn't like its counterpart ("
@@ -476,16 +475,10 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
                                              const NamedTopology& target) {
     std::vector<std::string> words;
     if (matching.matched.size() > 1) {
-        constexpr std::size_t kListed = 4;
-        std::string list;
-        for (std::size_t k = 0; k < std::min(kListed, matching.matched.size()); ++k)
-            list += (k == 0 ? "" : ", ") +
-                    std::to_string(points_of(source, matching.matched[k].source)) +
-                    " points with " + std::to_string(points_of(target, matching.matched[k].target));
-        if (matching.matched.size() > kListed) list += " and so on";
         words.push_back(std::to_string(matching.matched.size()) + " pieces of " + source.name +
                         " and " + target.name +
-                        " were matched by position, size and shape: " + list + ".");
+                        " were matched by position, size and shape. If one goes to the wrong "
+                        "piece, mark a feature on both.");
     }
     const std::string difference = differences_in_words(matching, source, target);
     if (!difference.empty()) words.push_back(difference);
@@ -495,8 +488,10 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
         Index points = 0;
         for (const Index component : components) points += points_of(shape, component);
         const auto count = to_index(components.size());
+        const double share =
+            static_cast<double>(points) / static_cast<double>(shape.topology.labels.size());
         words.push_back(counted(count, "piece", "pieces") + " of " + shape.name + " (" +
-                        counted(points, "point", "points") + ") " +
+                        std::to_string(std::lround(100.0 * share)) + " % of it) " +
                         (count == 1 ? "has no counterpart and " : "have no counterpart and ") +
                         (count == 1 ? one : more) + " the nearest part.");
     };

@@ -345,23 +345,26 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
 }
 
 std::string with_article(const Component& component, bool plural) {
-    std::string words;
-    if (component.is_open) {
-        words = plural ? "open patches" : "an open patch";
-    } else {
-        words = plural ? "closed surfaces" : "a closed surface";
-    }
-    return words;
+    if (component.is_open) return plural ? "open surfaces" : "an open surface";
+    if (component.borders > 0) return plural ? "surfaces" : "a surface";
+    return plural ? "closed surfaces" : "a closed surface";
 }
 
-std::string genus_in_words(const Component& component) {
-    return component.genus ? std::to_string(*component.genus) : "unknown";
+std::string counted(Index count, const char* one) {
+    return std::to_string(count) + " " + one + (count == 1 ? "" : "s");
 }
 
-std::string holes_in_words(const Component& component) {
-    const Index holes = component.borders - (component.is_open ? 1 : 0);
-    if (holes <= 0) return "";
-    return " with " + std::to_string(holes) + (holes == 1 ? " hole" : " holes");
+/// Handles, as the holes that they go around: through a ring goes one.
+std::string genus_in_words(const Component& component, bool plural) {
+    if (!component.genus) return "perhaps holes through " + std::string(plural ? "them" : "it");
+    return counted(*component.genus, "hole") + " through " + (plural ? "each" : "it");
+}
+
+/// What isn't there, as far as "closed" or "open" doesn't say it.
+std::string openings_in_words(const Component& component) {
+    const Index openings = component.borders - (component.is_open ? 1 : 0);
+    if (openings <= 0) return "";
+    return counted(openings, component.is_open ? "more opening" : "opening");
 }
 
 /// Of each component what faces say of it: nothing where they say nothing sure, or where it has
@@ -409,10 +412,11 @@ struct Sampled {
 }  // namespace
 
 std::string in_words(const Component& component, bool plural) {
-    std::string words = with_article(component, plural);
-    if (!component.is_open || !component.genus || *component.genus > 0)
-        words += (component.genus ? " of genus " : ", genus ") + genus_in_words(component);
-    return words + holes_in_words(component);
+    std::string words = with_article(component, plural), openings = openings_in_words(component);
+    if (!openings.empty()) words += " with " + openings;
+    if (!component.genus || *component.genus > 0)
+        words += (openings.empty() ? " with " : " and ") + genus_in_words(component, plural);
+    return words;
 }
 
 bool is_rim(double length, double area) {
@@ -474,6 +478,7 @@ std::string in_words(const Topology& topology) {
             ++counts[to_size(known - kinds.begin())];
         }
     }
+    if (kinds.size() == 1) return std::to_string(main.size()) + " " + kinds[0].second + strays;
     std::string words = std::to_string(main.size()) + " pieces (";
     for (std::size_t k = 0; k < kinds.size(); ++k) {
         if (k > 0) words += k + 1 < kinds.size() ? ", " : " and ";
@@ -502,14 +507,8 @@ std::string difference_in_words(const Topology& source, const std::string& sourc
 std::string in_words(const Topology& source, const Topology& target) {
     const auto s = source.main(), t = target.main();
     const std::string one = in_words(source), other = in_words(target);
-    if (s.size() == 1 && t.size() == 1 && source.strays + target.strays == 0) {
-        if (one == other) return in_words(s.front(), true);
-        const bool alike = s.front().is_open == t.front().is_open &&
-                           holes_in_words(s.front()) == holes_in_words(t.front());
-        if (alike && !s.front().is_open)
-            return with_article(s.front(), true) + holes_in_words(s.front()) + " of genus " +
-                   genus_in_words(s.front()) + " and " + genus_in_words(t.front());
-    }
+    if (s.size() == 1 && t.size() == 1 && source.strays + target.strays == 0 && one == other)
+        return in_words(s.front(), true);
     return one == other ? "on both sides " + one : one + ", to " + other;
 }
 

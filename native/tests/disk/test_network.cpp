@@ -189,7 +189,7 @@ TEST(Network, MorphsATorusIntoABumpyOneByDefault) {
     Progress progress;
     const Morph morph(tori.input, paper(), progress);
     EXPECT_EQ(morph.report().domain, "network");
-    EXPECT_EQ(morph.report().choice, "network: closed surfaces of genus 1");
+    EXPECT_EQ(morph.report().choice, "network: closed surfaces with 1 hole through each");
     EXPECT_EQ(to_index(morph.report().curves.size()), morph.report().patches + 9);
     EXPECT_TRUE(morph.report().warnings.empty());
     expect_whole(morph, tori.input.features);

@@ -110,7 +110,7 @@ def test_a_way_through_is_told_of_its_piece() -> None:
     report = report_of(together(torus(0.3), small), together(bottle(1.2, 0.6), small))
     (text,) = [text for text in report["warnings"] if "tears" in text]
     assert text.startswith("A piece isn't like its counterpart (")
-    assert "One, a closed surface of genus 1, and" in text
+    assert "in One a closed surface with 1 hole through it, in Other" in text
 
 
 def test_meshes_are_told_what_faces_cannot_do() -> None:

@@ -32,22 +32,24 @@ Positions shaken(Positions positions, double by) {
 }
 
 TEST(Topology, CountsHandlesOfAnalyticShapes) {
-    EXPECT_EQ(in_words(topology_of(shapes::sphere(4000))), "a closed surface of genus 0");
-    EXPECT_EQ(in_words(topology_of(shapes::torus(6000, 0.4))), "a closed surface of genus 1");
-    EXPECT_EQ(in_words(topology_of(shapes::double_torus(6000))), "a closed surface of genus 2");
-    EXPECT_EQ(in_words(topology_of(shapes::grid(60))), "an open patch");
-    EXPECT_EQ(in_words(topology_of(shapes::sphere(3000, 0.2))), "an open patch");
+    EXPECT_EQ(in_words(topology_of(shapes::sphere(4000))), "a closed surface");
+    EXPECT_EQ(in_words(topology_of(shapes::torus(6000, 0.4))),
+              "a closed surface with 1 hole through it");
+    EXPECT_EQ(in_words(topology_of(shapes::double_torus(6000))),
+              "a closed surface with 2 holes through it");
+    EXPECT_EQ(in_words(topology_of(shapes::grid(60))), "an open surface");
+    EXPECT_EQ(in_words(topology_of(shapes::sphere(3000, 0.2))), "an open surface");
 }
 
 TEST(Topology, StaysTheSameWithNoise) {
     for (const double share : {0.1, 0.25}) {  // of the spacing
         const double spacing = std::sqrt(4 * std::numbers::pi / 4000);
         EXPECT_EQ(in_words(topology_of(shaken(shapes::sphere(4000), share * spacing))),
-                  "a closed surface of genus 0");
+                  "a closed surface");
         const double torus = 4 * std::numbers::pi * std::numbers::pi * 0.4;
         EXPECT_EQ(in_words(topology_of(
                       shaken(shapes::torus(6000, 0.4), share * std::sqrt(torus / 6000)))),
-                  "a closed surface of genus 1");
+                  "a closed surface with 1 hole through it");
     }
 }
 
@@ -60,10 +62,10 @@ TEST(Topology, CountsHolesAndTellsThemFromRims) {
     };
     EXPECT_EQ(in_words(topology_of(without(shapes::sphere(6000),
                                            [](const auto& p) { return std::abs(p.x()) > 0.97; }))),
-              "a closed surface of genus 0 with 2 holes");
+              "a surface with 2 openings");
     EXPECT_EQ(in_words(topology_of(without(shapes::sphere(6000),
                                            [](const auto& p) { return std::abs(p.z()) > 0.5; }))),
-              "an open patch with 1 hole");
+              "an open surface with 1 more opening");
     Positions torus(90 * 40, 3);  // even, for its holes to be seen
     for (Index i = 0; i < torus.rows(); ++i) {
         const double a = 2 * std::numbers::pi * (i / 40) / 90.0;
@@ -72,7 +74,7 @@ TEST(Topology, CountsHolesAndTellsThemFromRims) {
             (1 + 0.4 * std::cos(b)) * std::sin(a), 0.4 * std::sin(b);
     }
     EXPECT_EQ(in_words(topology_of(without(torus, [](const auto& p) { return p.x() > 1.33; }))),
-              "a closed surface of genus 1 with 1 hole");
+              "a surface with 1 opening and 1 hole through it");
 }
 
 TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
@@ -82,7 +84,7 @@ TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
     const Positions speck = (shapes::sphere(5) * 0.01).rowwise() + Eigen::RowVector3d(0, 0, 3);
     const Positions all = together({eye, ball, speck, other});
     const Topology topology = topology_of(all);
-    EXPECT_EQ(in_words(topology), "3 pieces (3 closed surfaces of genus 0) and 1 speck");
+    EXPECT_EQ(in_words(topology), "3 closed surfaces and 1 speck");
     EXPECT_EQ(topology.components[0].points, 4000);
     EXPECT_EQ(topology.labels.front(), topology.labels[399]);
     EXPECT_EQ(topology.labels[400], 0);
@@ -105,7 +107,7 @@ TEST(Topology, TakesTheWordOfFaces) {
     std::vector<Index> parts(4000, 7);
     std::fill_n(parts.begin(), 2000, 3);
     const Topology topology = topology_of(all, parts);
-    EXPECT_EQ(in_words(topology), "2 pieces (2 closed surfaces of genus 0)");
+    EXPECT_EQ(in_words(topology), "2 closed surfaces");
     EXPECT_NE(topology.labels.front(), topology.labels.back());
 }
 
@@ -120,7 +122,7 @@ TEST(Topology, CountsCoincidentPointsOnce) {
     const Normals all_normals = together({normals, normals, normals});
     const Topology topology =
         find_topology({thrice, all_normals, all_nearest}, {}, {}, {}, progress);
-    EXPECT_EQ(in_words(topology), "a closed surface of genus 1");
+    EXPECT_EQ(in_words(topology), "a closed surface with 1 hole through it");
     EXPECT_EQ(topology.components[0].points, 15000);
 }
 
@@ -128,21 +130,23 @@ TEST(Topology, SaysUnknownWherePointsAreTooFew) {
     const Topology few = topology_of(shapes::sphere(60));
     ASSERT_EQ(few.main().size(), 1u);
     EXPECT_FALSE(few.components[0].genus);
-    EXPECT_EQ(in_words(few), "a closed surface, genus unknown");
+    EXPECT_EQ(in_words(few), "a closed surface with perhaps holes through it");
 }
 
 TEST(Topology, SpeaksOfTwoShapesAtOnce) {
     const auto of = [](std::optional<Index> genus, Index borders = 0, bool open = false) {
         return Topology{{}, {{100, borders, open, genus}}, 0};
     };
-    EXPECT_EQ(in_words(of(0), of(0)), "closed surfaces of genus 0");
-    EXPECT_EQ(in_words(of(1), of(0)), "closed surfaces of genus 1 and 0");
-    EXPECT_EQ(in_words(of(1), of({})), "closed surfaces of genus 1 and unknown");
-    EXPECT_EQ(in_words(of(0, 1, true), of(0, 1, true)), "open patches");
+    EXPECT_EQ(in_words(of(0), of(0)), "closed surfaces");
+    EXPECT_EQ(in_words(of(1), of(0)),
+              "a closed surface with 1 hole through it, to a closed surface");
+    EXPECT_EQ(in_words(of({}), of({})), "closed surfaces with perhaps holes through them");
+    EXPECT_EQ(in_words(of(2, 1), of(2, 1)), "surfaces with 1 opening and 2 holes through each");
+    EXPECT_EQ(in_words(of(0, 1, true), of(0, 1, true)), "open surfaces");
     EXPECT_EQ(in_words(of(0, 3, true), of(0)),
-              "an open patch with 2 holes, to a closed surface of genus 0");
+              "an open surface with 2 more openings, to a closed surface");
     const Topology eyes{{}, {{100, 0, false, 0}, {9, 0, false, 0}, {9, 0, false, 0}}, 0};
-    EXPECT_EQ(in_words(eyes, eyes), "on both sides 3 pieces (3 closed surfaces of genus 0)");
+    EXPECT_EQ(in_words(eyes, eyes), "on both sides 3 closed surfaces");
 }
 
 TEST(Example, Topology) {
@@ -158,7 +162,7 @@ TEST(Example, Topology) {
     const std::string words = in_words(topology);
     // --- end of the example
     EXPECT_TRUE(has_a_handle);
-    EXPECT_EQ(words, "a closed surface of genus 1");
+    EXPECT_EQ(words, "a closed surface with 1 hole through it");
 }
 
 }  // namespace

@@ -24,6 +24,8 @@ struct DoubtfulPlace {
     Index target;       ///< row where the map has it now
     double confidence;  ///< mean over the doubtful points there
     double share;       ///< of the surface covered by them, 0 to 1
+    bool unreached;     ///< whether nothing of the other cloud comes near: it may lack this part
+    std::string where;  ///< "toward +X of Fox", "near \"nose\""
     std::string advice;
 };
 

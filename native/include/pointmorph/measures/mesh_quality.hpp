@@ -16,9 +16,11 @@ namespace pointmorph {
 
 /// A wrapped mesh in figures; 0 is perfect.
 struct MeshFigures {
-    /// Share of the area: faces that lie against the target and bend by over 120° to a neighbor.
+    /// Share of the area: faces that lie against the target and bend by over 120° to a neighbor,
+    /// but not at rest.
     double folded = 0.0;
-    /// Share of the edges that bend by over 90°, less the larger share of both models at rest.
+    /// Share of the edges that bend by over 90°, but not at rest, and not along a bend of the
+    /// target.
     double creased = 0.0;
     /// 99th percentile of the distance from the target to the mesh, in √area of the target.
     double uncovered = 0.0;
@@ -46,10 +48,11 @@ struct MeshPlace {
     Index target;      ///< row nearest to the place
     Vector3 position;  ///< on the wrapped mesh; kUncovered: on the target
     /// How much of the figure lies here. kFolded: share of the area; kCreased: of the edges;
-    /// kUncovered: of the target's area, what is farther than 0.005 √area; kOff: of the vertices,
-    /// likewise.
+    /// kUncovered: of the target's area, what is farther than 0.007 √area; kOff: of the vertices,
+    /// what is farther than 0.005 √area.
     double share;
-    double distance;  ///< kUncovered, kOff: the largest, in √area; else 0
+    double distance;    ///< kUncovered, kOff: the largest, in √area; else 0
+    std::string where;  ///< "toward +X of Fox", "near \"nose\""
     std::string advice;
 };
 

@@ -24,6 +24,10 @@ class DoubtfulPlace:
     """share of the surface that they cover, 0 to 1"""
     advice: str
     """where it is, and which mark would settle it"""
+    where: str = ""
+    """only where it is, such as "toward +X of Fox"; empty in older files"""
+    unreached: bool = False
+    """whether nothing of the other model comes near, so that this part may have no counterpart"""
 
 
 @dataclass(frozen=True)

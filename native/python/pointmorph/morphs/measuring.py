@@ -154,11 +154,12 @@ class Measured(AsMeshes):
         `update` is "updated" for a morph that was updated, or why it was computed from scratch
         instead; empty for others.
 
-        About the shapes: `choice` (in words, such as "product space: closed surfaces of genus 1 and
-        0") and `topology` (of `source` and `target`: `words`; the components as `pieces`, largest
-        first, each with `points`, `borders`, `open` and `genus`, which is None if unknown; and how
-        many of the last ones are `specks`, stray points). About cuts: `loop` (given or suggested)
-        and `tips` (rows of unmarked tips that were matched).
+        About the shapes: `choice` (in words, such as "product space: closed surfaces with 1 hole
+        through each") and `topology` (of `source` and `target`: `words`; the components as
+        `pieces`, largest first, each with `points`, `borders`, `open` and `genus`, the number of
+        holes through it, which is None if unknown; and how many of the last ones are `specks`,
+        stray points). About cuts: `loop` (given or suggested) and `tips` (rows of unmarked tips
+        that were matched).
 
         If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map is
         to be right; None for an update of a map that was given, see `LiveMorph`), `margin` (cost of
