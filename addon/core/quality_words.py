@@ -3,6 +3,8 @@
 import re
 from dataclasses import dataclass
 
+from pointmorph.morphs.verdicts import grade_of
+
 FIGURES = {
     "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 "
     "%, more features are needed",
@@ -18,13 +20,13 @@ FIGURES = {
     "Feature error": "How far features are from each other before they are made to meet, in "
     "point spacings",
     "Faces folded": "Share of the area of the source's faces that are folded over on the "
-    "target. 0 % is best, and up to 0.02 % isn't visible",
-    "Edges creased": "Share of the edges that bend by more than 90° at the end. Up to 0.12 % "
-    "isn't visible",
+    "target. 0 % is best, and up to 0.1 % isn't visible",
+    "Edges creased": "Share of the edges that bend by more than 90° at the end, but not at "
+    "first, and where the target has no bend. Up to 0.2 % isn't visible",
     "Target missed": "How far the worst one percent of the target is from the source's faces, "
-    "as a share of its size. Up to 0.5 % isn't visible",
+    "as a share of its size. Up to 0.7 % isn't visible",
     "Off the target": "How far the source's vertices lie off the target on average, as a share of "
-    "its size. Up to 0.01 % isn't visible",
+    "its size. Up to 0.05 % isn't visible",
 }
 """What the figures of `pointmorph.quality_summary` mean, by name."""
 
@@ -32,7 +34,6 @@ OF_FEATURES = (
     "How far this feature ends from its counterpart, in point spacings. For a region, also how "
     "much of it is inside the other"
 )
-GRADES = ("good", "fair", "poor")
 _SIDES = (("L", "R"), ("left", "right"), ("Left", "Right"))
 _MESH_VERDICT = re.compile(r"(?:(?P<way>.*): )?(?:Good|Fair|Poor): (?P<reasons>.*?)\.?", re.DOTALL)
 _PLACE = re.compile(r'(At|Near) "[^"]*"|Between "[^"]*" and "[^"]*"|.{2,40}? of (?=\S)')
@@ -45,8 +46,7 @@ class Verdict:
     Attributes
     ----------
     grade : str
-        One of GRADES: that of the match of the points, or of the source's faces at the end,
-        whichever is worse.
+        Of `pointmorph.morphs.verdicts.grade_of`.
     line : str
         The same in a line.
     reasons : tuple of str
@@ -61,8 +61,7 @@ class Verdict:
 def verdict(report):
     """The Verdict on a morph, from `pointmorph.Morph.report`."""
     mesh = report.get("mesh") or {"grade": "good", "worst": []}
-    of_map, said = _judged_map(report)
-    grade = max(of_map, mesh["grade"], key=GRADES.index)
+    grade, said = grade_of(report), _said_of_map(report)
     doubtful = report.get("doubtful", [])
     places = _counted(len(report["worst"]) + len(mesh["worst"]) + len(doubtful))
     without = "no bad places" if grade == "good" else "see below"
@@ -76,8 +75,7 @@ def _counted(places):
     return "1 place" if places == 1 else f"{places} places" if places else ""
 
 
-def _judged_map(report):
-    """A grade and its reasons."""
+def _said_of_map(report):
     ways = report["quality"].values()
     flipped, covered = max(way["flipped"] for way in ways), min(way["coverage"] for way in ways)
     found = []
@@ -89,12 +87,11 @@ def _judged_map(report):
     if right < 0.8:
         found.append(f"Match: only {_percent(right)} is likely right")
     doubtful = report.get("doubtful", [])
-    grade = "poor" if found else "fair" if report["worst"] or doubtful else "good"
     if doubtful:
         found.append(f"Match: {_counted(len(doubtful))} more likely wrong than right")
     if report["worst"]:
         found.append(f"Match: {_counted(len(report['worst']))} with strong distortion")
-    return grade, found
+    return found
 
 
 def _said_of_mesh(mesh):

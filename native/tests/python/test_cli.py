@@ -109,8 +109,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round-trip error"):
         assert f"\n  {name}" in done.stdout
-    for place in report["worst"]:
-        assert place["advice"] in done.stdout
+    assert any(f"\n{grade}: " in done.stdout for grade in ("Good", "Fair", "Poor"))
 
     again = run(
         "morph", out / "source.ply", out / "target.ply", "--out", pair / "again",

@@ -16,7 +16,7 @@ from pointmorph import __version__, formats
 from pointmorph.base.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.base.option_table import Option, options
 from pointmorph.base.stages import Progress
-from pointmorph.commands import batch_command, farm_command, stored_commands, terminal
+from pointmorph.commands import batch_command, farm_command, run_words, stored_commands, terminal
 from pointmorph.commands.arguments import distance, frame_count, positive
 from pointmorph.meshes import sampling
 from pointmorph.morphs import morphing, quality
@@ -316,17 +316,38 @@ def _morph(chosen: argparse.Namespace) -> None:
         f"{report['pairs']} pairs from {len(clouds[0])} and {len(clouds[1])} points "
         f"in {report['seconds']:.2f} s, written to {written}"
     )
-    print(f"  {report['choice']}")
-    for name, value in quality.quality_summary(report):
-        print(f"  {name:<18}{value}")
-    for name, value in quality.feature_summary(report):
-        print(f"  {name}: {value}")
-    for place in (*report["worst"], *report["doubtful"]):
-        print(f"  {place['advice']}")
-    if mesh := report.get("mesh"):
-        print(f"  {mesh['verdict']}")
-        for place in mesh["worst"]:
-            print(f"  {place['advice']}")
+    for line in _said(chosen, report, clouds):
+        print(line)
+
+
+def _said(
+    chosen: argparse.Namespace, report: Mapping[str, Any], clouds: Sequence[Cloud]
+) -> list[str]:
+    """How good the result is, in figures and in words."""
+    names = [cloud.name for cloud in clouds]
+    densify = "add --denser" if chosen.mesh in SIDES else "add --mesh source --denser"
+    if chosen.denser is not None or "mesh" not in report:
+        densify = ""
+    return [
+        f"  {_shapes_in_words(report, names)}",
+        *(f"  {line}" for line in run_words.figure_lines(report)),
+        *(f"  {name}: {value}" for name, value in quality.feature_summary(report)),
+        run_words.verdict_line(report, names)
+        + (" (Measured before --denser.)" if chosen.denser is not None else ""),
+        *(
+            f"  {line}"
+            for line in run_words.advice_lines(report, clouds[0].positions, names, densify)
+        ),
+    ]
+
+
+def _shapes_in_words(report: Mapping[str, Any], names: Sequence[str]) -> str:
+    """What both models are, and the domain if it isn't the default."""
+    words = [report["topology"][side]["words"] for side in SIDES]
+    text = f"{names[0]}: {words[0]}; {names[1]}: {words[1]}"
+    if words[0] == words[1]:
+        text = f"{names[0]} and {names[1]}: {words[0]} each"
+    return text if report["domain"] == "product" else f"{text} (domain {report['domain']})"
 
 
 def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:

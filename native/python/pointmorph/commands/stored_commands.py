@@ -11,9 +11,8 @@ from typing import Any
 from pointmorph import formats
 from pointmorph.base.errors import OptionError
 from pointmorph.base.option_table import options
-from pointmorph.commands import terminal
+from pointmorph.commands import run_words, terminal
 from pointmorph.commands.arguments import part_of, positive, some_frames
-from pointmorph.morphs import quality
 from pointmorph.morphs.stored_morphs import StoredMorph, open_morph
 from pointmorph.sequences.frame_sequences import FrameRun, FrameSequence, even_times
 from pointmorph.sequences.stored_frames import mesh_writer
@@ -146,9 +145,8 @@ def _lines(morph: StoredMorph) -> list[str]:
     for side in SIDES:
         if isinstance(header["origin"].get(side), dict):
             rows.append((side.capitalize(), str(header["origin"][side].get("path", "unknown"))))
-    if "quality" in morph.report:
-        rows += quality.quality_summary(morph.report)
-    return [f"{name:<18}{value}" for name, value in rows]
+    figures = run_words.figure_lines(morph.report) if "quality" in morph.report else []
+    return [*(f"{name:<18}{value}" for name, value in rows), *figures]
 
 
 def _one_of(*present: tuple[str, bool]) -> str:

@@ -73,6 +73,8 @@ class Place:
     """share of the surface that is bad there, 0 to 1"""
     advice: str
     """what is wrong there, and what would help"""
+    where: str = ""
+    """where it is, such as "toward +X of Fox"; empty if everywhere"""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ class MeshPlace:
     """uncovered and off: the largest, in √area of the target; else 0"""
     advice: str
     """what is wrong there, and what would help"""
+    where: str = ""
+    """where it is, such as "toward +X of Fox"; empty if everywhere"""
 
 
 @dataclass(frozen=True)
@@ -134,16 +138,18 @@ class MeshQuality:
     """How good the source's faces look on the target; figures are 0 if perfect."""
 
     folded: float
-    """share of the area: faces that lie against the target and bend by over 120° to a neighbor"""
+    """share of the area: faces that lie against the target and bend by over 120° to a neighbor, but
+    not at rest"""
     creased: float
-    """share of the edges that bend by over 90°, less the larger share of both models themselves"""
+    """share of the edges that bend by over 90°, but not at rest, and not along a bend of the
+    target"""
     uncovered: float
     """99th percentile of the distance from the target to the faces, in √area of the target"""
     off: float
     """mean distance from the vertices to the target, in √area of the target"""
     grade: str
-    """good (up to 0.02 %, 0.12 %, 0.5 % and 0.01 % in this order), fair (0.1 %, 0.4 %, 1 % and
-    0.05 %) or poor; the worst figure counts"""
+    """good (up to 0.1 %, 0.2 %, 0.7 % and 0.05 % in this order), fair (0.5 %, 1 %, 2 % and
+    0.3 %) or poor; the worst figure counts"""
     verdict: str
     """the same in words"""
     worst: tuple[MeshPlace, ...]
@@ -174,23 +180,23 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 
     rows = []
     if "likely_right" in report:
-        rows.append(("Likely right", _percent(report["likely_right"])))
+        rows.append(("Likely right", percent(report["likely_right"])))
     rows += [
-        ("Covered", _percent(min(way["coverage"] for way in both))),
+        ("Covered", percent(min(way["coverage"] for way in both))),
         ("Stretch", f"{worst('stretch_p99'):.2f}"),
         ("Angle distortion", f"{worst('conformal_median'):.2f}"),
-        ("Folded", _percent(worst("flipped"))),
-        ("Collapsed", _percent(worst("collapsed"))),
-        ("Round-trip error", _percent(worst("round_trip_mean"))),
-        ("Cracks", _percent(max(report["cracks"].values()))),
+        ("Folded", percent(worst("flipped"))),
+        ("Collapsed", percent(worst("collapsed"))),
+        ("Round-trip error", percent(worst("round_trip_mean"))),
+        ("Cracks", percent(max(report["cracks"].values()))),
         ("Feature error", f"{report['feature_residual']:.2g} spacings"),
     ]
     if mesh := report.get("mesh"):
         rows += [
-            ("Faces folded", _fine_percent(mesh["folded"])),
-            ("Edges creased", _fine_percent(mesh["creased"])),
-            ("Target missed", _fine_percent(mesh["uncovered"])),
-            ("Off the target", _fine_percent(mesh["off"])),
+            ("Faces folded", percent(mesh["folded"])),
+            ("Edges creased", percent(mesh["creased"])),
+            ("Target missed", percent(mesh["uncovered"])),
+            ("Off the target", percent(mesh["off"])),
         ]
     return rows
 
@@ -213,17 +219,14 @@ def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
             continue
         value = f"{kept['residual']:.2g} spacings off"
         if kept["kind"] == "region":
-            value = f"{_percent(kept['inside'])} inside, {value}"
+            value = f"{percent(kept['inside'])} inside, {value}"
         rows.append((f"{name} ({kept['kind']})", value))
     return rows
 
 
-def _fine_percent(share: float) -> str:
+def percent(share: float) -> str:
+    """To two digits, as in all sentences: "0.034 %", "42 %"."""
     percents = 100 * share
-    if 0 < percents < 0.001:
-        return "under 0.001 %"
-    return f"{percents:.2g} %" if percents < 99.5 else f"{percents:.0f} %"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2f} %" if share < 0.1 else f"{100 * share:.1f} %"
+    if 0 < percents < 0.01:
+        return "under 0.01 %"
+    return f"{percents:.2g} %" if percents < 9.95 else f"{percents:.0f} %"
