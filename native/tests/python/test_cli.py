@@ -415,6 +415,7 @@ def test_proposals_make_a_features_file_that_morph_takes(pair: Path) -> None:
     models, proposed = [pair / "plane.off", pair / "bump.off"], pair / "proposed.json"
     done = run("propose", *models, "--features", pair / "features.json", "--out", proposed)
     assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[0].split() == ["vertices", "source", "target"]
     content = json.loads(proposed.read_text())
     given = json.loads((pair / "features.json").read_text())["features"]
     assert given.items() <= content["features"].items()

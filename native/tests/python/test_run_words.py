@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pointmorph.commands import run_words
+from pointmorph.morphs import run_words
 from pointmorph.morphs.quality import percent
 from pointmorph.morphs.verdicts import grade_of
 
@@ -41,6 +41,12 @@ def test_a_kind_of_trouble_is_one_line_with_its_places() -> None:
         "Mark features on both models where the map may be wrong. On Fox: "
         "toward +X +Z (at 1, 2, 30; 1.7 % sure), toward -Y (at 0.2, -2, 0; 20 % sure)"
     ]
+
+
+def test_places_without_a_model_have_no_coordinates() -> None:
+    doubtful = [place(0, "toward +X of Fox", confidence=0.2, unreached=False)]
+    (line,) = run_words.advice_lines(report(doubtful=doubtful), None, NAMES, "")
+    assert line.endswith("On Fox: toward +X (20 % sure)")
 
 
 def test_mirrored_places_are_one() -> None:

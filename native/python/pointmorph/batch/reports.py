@@ -12,6 +12,7 @@ from pointmorph.base.errors import PointmorphError
 from pointmorph.batch import thumbnails
 from pointmorph.batch.jobs import MORPH, PICTURES, REPORT, Batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, PairOutcome
+from pointmorph.morphs.run_words import advice_lines
 from pointmorph.morphs.stored_morphs import open_morph
 from pointmorph.storage import files
 
@@ -58,6 +59,7 @@ def _figures(outcome: PairOutcome) -> dict[str, Any]:
     try:
         report = json.loads((outcome.job.folder / REPORT).read_text(encoding="utf-8"))
         both = report["quality"].values()
+        names = (outcome.job.source.stem, outcome.job.target.stem)
         return {
             "seconds": round(float(report["seconds"]), 3),
             "pairs": int(report["pairs"]),
@@ -67,9 +69,7 @@ def _figures(outcome: PairOutcome) -> dict[str, Any]:
             "mesh": (report.get("mesh") or {}).get("grade"),
             "verdict": (report.get("mesh") or {}).get("verdict"),
             "warnings": report["warnings"],
-            "advice": [
-                place["advice"] for place in (*report["worst"], *report.get("doubtful", ()))
-            ],
+            "advice": advice_lines(report, None, names, "pointmorph morph --mesh source --denser"),
         }
     except (OSError, ValueError, KeyError, TypeError):
         return {}

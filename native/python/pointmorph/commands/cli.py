@@ -16,10 +16,10 @@ from pointmorph import __version__, formats
 from pointmorph.base.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.base.option_table import Option, options
 from pointmorph.base.stages import Progress
-from pointmorph.commands import batch_command, farm_command, run_words, stored_commands, terminal
+from pointmorph.commands import batch_command, farm_command, stored_commands, terminal
 from pointmorph.commands.arguments import distance, frame_count, positive
 from pointmorph.meshes import sampling
-from pointmorph.morphs import morphing, quality
+from pointmorph.morphs import morphing, quality, run_words
 from pointmorph.morphs.confidence import Confidence
 from pointmorph.sequences import frame_sequences, source_meshes, surfaces
 from pointmorph.sequences.own_meshes import OwnMeshWriter
@@ -258,6 +258,8 @@ def _propose(chosen: argparse.Namespace) -> None:
     content["features"] = {**content.get("features", {}), **found}
     content["confidence"] = confidence
     files.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
+    if found:
+        print(f"  {'vertices':<11}{'source':>8}{'target':>8}")
     for name, rows in found.items():
         print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
     print(f"{len(found)} suggestions, written to {chosen.out}")

@@ -11,8 +11,9 @@ from typing import Any
 from pointmorph import formats
 from pointmorph.base.errors import OptionError
 from pointmorph.base.option_table import options
-from pointmorph.commands import run_words, terminal
+from pointmorph.commands import terminal
 from pointmorph.commands.arguments import part_of, positive, some_frames
+from pointmorph.morphs import run_words
 from pointmorph.morphs.stored_morphs import StoredMorph, open_morph
 from pointmorph.sequences.frame_sequences import FrameRun, FrameSequence, even_times
 from pointmorph.sequences.stored_frames import mesh_writer

@@ -80,7 +80,7 @@ class _Entry:
 
 
 def advice_lines(
-    report: Mapping[str, Any], positions: FloatArray, names: Sequence[str], densify: str
+    report: Mapping[str, Any], positions: FloatArray | None, names: Sequence[str], densify: str
 ) -> list[str]:
     """What is wrong and what to do, a line for each kind of trouble, with the worst places.
 
@@ -88,8 +88,8 @@ def advice_lines(
     ----------
     report : mapping
         `Morph.report`.
-    positions : (N, 3) array
-        Of the source.
+    positions : (N, 3) array or None
+        Of the source. Without them, no coordinates are given.
     names : sequence of str
         Of the source and the target.
     densify : str
@@ -148,19 +148,21 @@ def _by_kind(report: Mapping[str, Any]) -> dict[str, list[Mapping[str, Any]]]:
 
 
 def _entries(
-    places: Sequence[Mapping[str, Any]], positions: FloatArray, source: str
+    places: Sequence[Mapping[str, Any]], positions: FloatArray | None, source: str
 ) -> Iterator[_Entry]:
     """Where places are, in words, and with coordinates."""
-    size = float(np.ptp(positions, axis=0).max())
+    size = 0.0 if positions is None else float(np.ptp(positions, axis=0).max())
     for place in places:
         words = place.get("where", "").removesuffix(f" of {source}").replace(", ", " ")
-        at = (_rounded(value, size) for value in positions[place["source"]].tolist())
-        details = f"at {', '.join(at)}"
+        details = []
+        if positions is not None:
+            at = (_rounded(value, size) for value in positions[place["source"]].tolist())
+            details.append(f"at {', '.join(at)}")
         if "confidence" in place and not place.get("unreached"):
-            details += f"; {quality.percent(place['confidence'])} sure"
+            details.append(f"{quality.percent(place['confidence'])} sure")
         if words.startswith('at "'):
-            details += "; check that this is the same place on both models"
-        yield _Entry(words, details)
+            details.append("check that this is the same place on both models")
+        yield _Entry(words, "; ".join(details))
 
 
 def _rounded(value: float, size: float) -> str:
@@ -180,8 +182,7 @@ def _merged(entries: Iterator[_Entry]) -> list[_Entry]:
     while (pair := _twins(result)) is not None:
         first, second, words = pair
         one = result[first]
-        details = one.details if one.details.startswith("such as") else f"such as {one.details}"
-        result[first] = _Entry(words, details.replace("such as at", "such as"))
+        result[first] = _Entry(words, re.sub("^at ", "such as ", one.details))
         del result[second]
     return result
 
