@@ -423,17 +423,24 @@ std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& t
 std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& map,
                                     std::span<const SelfMotion> motions, Progress& progress) {
     // Each point takes the image of the nearest one to where the motion brings it, which costs a
-    // little; where the samples are the same on both shapes, the map itself costs much less.
+    // little; where the samples are the same on both shapes, the map itself costs much less. But
+    // the target may be rotated more from how it was given.
     constexpr double kLittle = 1.25;
+    const auto turned = [&](const Candidate& its) {
+        return dearer_by_turning(
+            search, implied_pose(search.source.full.positions,
+                                 its.registration.source_points.positions, its.alignment));
+    };
     return each<Candidate>(
         motions,
         [&](const SelfMotion& motion) {
             Candidate other =
                 followed_by_motion(map, search.source.full, search.target.full, motion);
             rate(search, other);
-            if (other.cost < kLittle * map.cost) {
-                other.energy = map.energy;
-                other.cost = map.cost;
+            const double more = std::max(1.0, turned(other) / turned(map));
+            if (other.cost < kLittle * more * map.cost) {
+                other.energy = more * map.energy;
+                other.cost = more * map.cost;
             }
             return other;
         },

@@ -311,6 +311,26 @@ TEST(Pose, AMapCostsMoreTheFartherItTurnsTheTarget) {
               0.55);
 }
 
+TEST(Pose, ACubeOnABallIsNoCoinTossAsItWasGiven) {
+    SKIP_WHERE_WATCHED();
+    const Positions directions = shapes::sphere(2500) * shapes::rotation(3).transpose();
+    const CoarseShape ball = coarse_of_cloud(0.282 * directions, directions);
+    Positions cube = shapes::sphere(2200) * shapes::rotation(4).transpose();
+    Normals normals = Normals::Zero(cube.rows(), 3);
+    for (Index i = 0; i < cube.rows(); ++i) {
+        Index axis;
+        const double most = cube.row(i).cwiseAbs().maxCoeff(&axis);
+        normals(i, axis) = cube(i, axis) > 0.0 ? 1.0 : -1.0;
+        cube.row(i) *= 0.2 / most;
+    }
+    EXPECT_GT(found(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
+    PoseOptions without;
+    without.as_given = 1.0;
+    Progress progress;
+    EXPECT_LT(find_pose({ball, coarse_of_cloud(cube, normals)}, without, {}, progress).confidence,
+              0.4);
+}
+
 TEST(Pose, AMapIsRatedByHowAlikeItsPointsAre) {
     SKIP_WHERE_WATCHED();
     const CoarseShape source = coarse_two_sided(3), target = coarse_two_sided(4);
