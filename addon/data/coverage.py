@@ -33,10 +33,6 @@ class Surface:
     shares: np.ndarray
     scale: float
 
-    def tree(self):
-        """To find the closest place on it with."""
-        return tree_of(self.positions, self.triangles)
-
 
 def tree_of(positions, triangles):
     """Mathutils' tree of triangles."""

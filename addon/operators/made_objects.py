@@ -3,7 +3,7 @@
 import bpy
 import pointmorph
 
-from ..data import creation
+from ..data import creation, denser_source
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
@@ -14,6 +14,7 @@ from ..scene import (
     morphing_mesh,
     presentation,
     recipes,
+    recomputation,
     shape_follower,
     source_subdivision,
 )
@@ -194,13 +195,15 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
+class POINTMORPH_OT_subdivide_source(Explained, Computing, bpy.types.Operator):
     """Subdivide the source where its faces are too large to show the target, and recompute the
-    morph. The source keeps its surface, UV maps, weights, colors and shape keys"""
+    morph. The source keeps its surface, materials, UV maps, weights, colors and shape keys"""
 
     bl_idname = "pointmorph.subdivide_source"
     bl_label = "Subdivide Source"
     bl_options = {"UNDO"}
+    place = "RESULT"
+    stopped = "Canceled: the source is unchanged"
 
     recompute: bpy.props.BoolProperty(
         name="Recompute",
@@ -214,19 +217,23 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
     def reason(context):
         return busy_reason() or (NO_RESULT if active_result(context) is None else None)
 
-    def invoke(self, context, event):
-        return self.subdivide(context, "INVOKE_DEFAULT")
-
-    def execute(self, context):
-        return self.subdivide(context, "EXEC_DEFAULT")
-
-    def subdivide(self, context, mode):
+    def _begin_steps(self, context):
         obj = active_result(context)
-        try:
-            before, after = source_subdivision.subdivide(obj)
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-        source = obj.pointmorph.source
+        self._name, self._made = obj.name, reference_to(obj)
+        source_subdivision.check(obj)
+        plan = yield from recomputation.plan_steps(context, obj)
+        request, stops = plan.requests[0], source_subdivision.stops_of(obj, plan.requests)
+        self._triangles = request.source.triangles
+        return lambda progress: denser_source.compute(request, stops, progress)
+
+    def _finish(self, context, finer):
+        obj = find(bpy.data.objects, self._made)
+        if not morph_object.is_result(obj):
+            raise pointmorph.CloudError(
+                self._name, "the morph whose source is subdivided", "none", "Undo the deletion."
+            )
+        source = source_subdivision.check(obj)
+        before, after = source_subdivision.write(source, finer, self._triangles)
         if after == before:
             self.report({"INFO"}, f'"{source.name}" already has enough vertices')
             return {"CANCELLED"}
@@ -234,6 +241,7 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
         # What the morph holds of an object that is gone has no more vertices than before.
         if self.recompute and made_reason(context) is None and None not in recipes.shapes_of(obj):
             self.report({"INFO"}, done)
+            mode = "INVOKE_DEFAULT" if self._in_window else "EXEC_DEFAULT"
             try:
                 bpy.ops.pointmorph.recompute(mode, name=obj.name)
             except RuntimeError as error:  # the source is subdivided nevertheless

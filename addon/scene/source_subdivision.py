@@ -1,48 +1,65 @@
 """More vertices for a source where its faces are too large to show the shapes that it becomes."""
 
-from contextlib import contextmanager
-from dataclasses import dataclass
-
 import bmesh
 import numpy as np
 import pointmorph
-from mathutils import Vector
 
 from ..core.features import PREFIX
-from ..data import arrays, coverage
-from . import morph_object, morph_paths, recipes
+from ..data import arrays, surfaces
+from ..data.denser_source import Stop
+from . import morph_object, morph_paths
 
-_ROUNDS = 6
-_MOST = 50_000  # vertices, but for those that make steps from face to face even
-_MUCH = 0.1  # of what a face has to show
-_FEW = 4  # samples that could be missed by chance
-_LONG = 0.6  # of a face's longest side: sides that are halved with it
 _ORIGIN = ".origin"  # of every face: which of the source's it was
 
 
-@dataclass(frozen=True)
-class _Stop:
-    """A shape that the source becomes: its faces, and where the source's vertices are then."""
-
-    surface: coverage.Surface
-    places: np.ndarray
-
-
-def subdivide(obj):
-    """Subdivides faces of the source of a morph object that are too large for what they are to show
-    of the shapes after it. New vertices lie on the source's faces, so that it looks the same.
-
-    Returns
-    -------
-    int, int
-        The number of vertices before and after.
+def check(obj):
+    """The source of a morph object, which can be subdivided.
 
     Raises
     ------
     CloudError
-        See `morph_paths.source_ways`; and when nothing has faces, or the source is linked.
+        See `morph_paths.source_ways`; and when the source is linked, or not in Object Mode.
     """
-    source, places, *_ = morph_paths.source_ways(obj)
+    source = morph_paths.source_ways(obj)[0]
+    _check_editable(source)
+    return source
+
+
+def stops_of(obj, requests):
+    """What `denser_source.compute` starts from: the shapes that a morph object leads through.
+
+    Parameters
+    ----------
+    obj : Object
+        A morph object.
+    requests : sequence of computation.Request
+        What it takes to compute it again.
+
+    Raises
+    ------
+    CloudError
+        See `morph_paths.source_ways`; and when a shape has no faces, or has changed.
+    """
+    places = morph_paths.source_ways(obj)[1]
+    shapes = [request.target for request in requests]
+    if requests[0].source.triangles is None or any(one.triangles is None for one in shapes):
+        raise pointmorph.CloudError(
+            obj.name,
+            "shapes with faces",
+            "one without, or a morph from an earlier version",
+            "Recompute the morph, or subdivide the source in Edit Mode.",
+        )
+    counts = [int(rows.max()) + 1 for rows in morph_object.stage_rows(obj)]
+    found = [len(shape.positions) for shape in (requests[0].source, *shapes)]
+    if counts != found:
+        raise pointmorph.CloudError(
+            obj.name, "the shapes it was made from", "others that have changed", "Morph again."
+        )
+    backs = _backs(obj, shapes)
+    return [Stop(*stop) for stop in zip(shapes, places[1:], backs, strict=True)]
+
+
+def _check_editable(source):
     mesh = source.data
     if not mesh.is_editable or mesh.override_library is not None:
         raise pointmorph.CloudError(
@@ -55,140 +72,103 @@ def subdivide(obj):
         raise pointmorph.CloudError(
             source.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
         )
-    surfaces = [_surface(obj, number) for number in range(1, len(places))]
-    stops = [
-        _Stop(surface, place)
-        for surface, place in zip(surfaces, places[1:], strict=True)
-        if surface is not None
-    ]
-    if not mesh.polygons or not stops:
-        raise pointmorph.CloudError(
-            obj.name,
-            "a source and a target with faces",
-            "none, or a morph from an earlier version",
-            "Recompute the morph, or subdivide the source in Edit Mode.",
-        )
+
+
+def _backs(obj, shapes):
+    """Of every shape after the first, where its points are on the first; None where an earlier
+    version didn't keep it."""
+    stages = zip(morph_object.map_names(obj), morph_object.stage_rows(obj)[1:], strict=True)
+    backs, on_first = [], None
+    for number, ((_, name), rows) in enumerate(stages):
+        if name not in obj.data.attributes:
+            return [None] * len(shapes)
+        places = arrays.by_row(rows, arrays.read_vectors(obj.data, name))
+        if number > 0:  # these are on the shape before, whose points have theirs
+            before = shapes[number - 1]
+            _, members, shares = surfaces.around(before.positions, before.triangles, places)
+            places = surfaces.mean(on_first, members, shares)
+        backs.append(places)
+        on_first = places
+    return backs
+
+
+def write(source, finer, triangles):
+    """Cuts the faces of a source as a `denser_source.Finer` of its triangles says. New vertices lie
+    on its faces, so that it looks the same, and have what those around them have.
+
+    Returns
+    -------
+    int, int
+        The number of vertices before and after.
+
+    Raises
+    ------
+    CloudError
+        When the mesh isn't the one of those triangles any more.
+    """
+    mesh = source.data
     before = len(mesh.vertices)
-    levels = _levels(mesh, stops)
-    if not levels.any():
+    now = arrays.mesh_triangles(mesh)
+    if now is None or not np.array_equal(now, triangles):
+        raise pointmorph.CloudError(
+            source.name, "a mesh that doesn't change", "changes in the meantime", "Try again."
+        )
+    if not len(finer.ends):
         return before, before
-    with _edited(mesh) as (edited, origin):
-        for level in range(1, levels.max() + 1):
-            _halve(edited, origin, levels >= level)
+    edited = bmesh.new()
+    try:
+        edited.from_mesh(mesh)
+        _cut(edited, finer, arrays.triangle_faces(mesh)[finer.parents])
         _keep_marks(edited, source, before)
-        edited.faces.layers.int.remove(edited.faces.layers.int[_ORIGIN])
         edited.to_mesh(mesh)
+    finally:
+        edited.free()
     mesh.update()
     return before, len(mesh.vertices)
 
 
-def _surface(obj, number):
-    """The faces of a shape of the morph, in its frame; None without any."""
-    triangles = recipes.faces_of(obj)[number]
-    if triangles is None:
-        return None
-    stage = (part[number] for part in (morph_object.stages(obj), morph_object.stage_keys(obj)))
-    row = morph_object.stage_rows(obj)[number]
-    return coverage.surface(morph_object.read_stage(obj, *stage, row)["positions"], triangles)
+def _cut(edited, finer, polygons):
+    """Halves edges of a BMesh, and cuts the faces that have new vertices into triangles. Blender
+    gives new vertices and corners what those have that they lie between.
 
-
-@contextmanager
-def _edited(mesh):
-    """A BMesh of a mesh, and the layer of its faces that keeps which face of the mesh each was."""
-    edited = bmesh.new()
-    try:
-        edited.from_mesh(mesh)
-        origin = edited.faces.layers.int.new(_ORIGIN)
-        for number, face in enumerate(edited.faces):
-            face[origin] = number
-        yield edited, origin
-    finally:
-        edited.free()
-
-
-def _levels(mesh, stops):
-    """By face of a mesh, how often its sides are to be halved."""
-    levels = np.zeros(len(mesh.polygons), np.int32)
-    with _edited(mesh) as (edited, origin):
-        layers = [
-            _add_layer(edited, f".place {number}", stop.places) for number, stop in enumerate(stops)
-        ]
-        trees = [stop.surface.tree() for stop in stops]
-        for _ in range(_ROUNDS):
-            too_large = np.zeros(len(levels), bool)
-            for stop, layer in zip(stops, layers, strict=True):
-                too_large |= _too_large(edited, origin, layer, stop.surface, len(levels))
-            count = len(edited.verts)
-            if not too_large.any():
-                break
-            _halve(edited, origin, too_large)
-            if len(edited.verts) > _MOST:
-                break
-            levels += too_large
-            for vertex in edited.verts[count:]:
-                for layer, tree in zip(layers, trees, strict=True):
-                    vertex[layer] = tree.find_nearest(vertex[layer])[0]
-    return _evened(mesh, levels)
-
-
-def _add_layer(edited, name, values):
-    layer = edited.verts.layers.float_vector.new(name)
-    for vertex, value in zip(edited.verts, values.tolist(), strict=True):
-        vertex[layer] = Vector(value)
-    return layer
-
-
-def _too_large(edited, origin, layer, surface, count):
-    """By face of the source, whether it misses much of what it has to show of a surface."""
-    loops = edited.calc_loop_triangles()
-    edited.verts.index_update()
-    triangles = np.array([[loop.vert.index for loop in corners] for corners in loops], np.int32)
-    places = np.array([vertex[layer] for vertex in edited.verts], np.float32)
-    nearest, far = coverage.missed(places, triangles, surface)
-    faces = np.array([corners[0].face[origin] for corners in loops])[nearest]
-    whole = np.bincount(faces, surface.shares, count)
-    lost = np.bincount(faces[far], surface.shares[far], count)
-    return (lost > _MUCH * whole) & (np.bincount(faces[far], minlength=count) >= _FEW)
-
-
-def _halve(edited, origin, chosen):
-    """Halves the long sides of faces, by the source's faces that they were.
-
-    Vertices can be taken by number then, the new ones last.
+    Parameters
+    ----------
+    edited : BMesh
+    finer : denser_source.Finer
+    polygons : (F,) array of int
+        The face of the BMesh that each of its triangles is a piece of.
     """
-    faces = [face for face in edited.faces if chosen[face[origin]]]
-    polygons = [face for face in faces if len(face.verts) > 4]
-    if polygons:
-        bmesh.ops.poke(edited, faces=polygons)
-        faces = [face for face in edited.faces if chosen[face[origin]]]
-    edges = {}
-    for face in faces:
-        lengths = {edge: edge.calc_length() for edge in face.edges}
-        least = _LONG * max(lengths.values())
-        edges.update((edge, None) for edge, length in lengths.items() if length >= least)
-    bmesh.ops.subdivide_edges(
-        edited,
-        edges=list(edges),
-        cuts=1,
-        use_grid_fill=True,
-        use_single_edge=True,  # else its neighbors become polygons
-        quad_corner_type="INNER_VERT",
-    )
-    edited.verts.ensure_lookup_table()
+    origin = edited.faces.layers.int.new(_ORIGIN)
+    for number, face in enumerate(edited.faces):
+        face[origin] = number
+    vertices = list(edited.verts)
+    own = len(vertices)
+    owner = np.zeros(own + len(finer.ends), np.int64)  # of what lies within a face
+    owner[finer.triangles] = polygons[:, None]
 
+    def edge_between(a, b, polygon):
+        ends = vertices[a], vertices[b]
+        edge = edited.edges.get(ends)
+        if edge is None:
+            shared = (face for face in ends[0].link_faces if face in set(ends[1].link_faces))
+            face = next((one for one in shared if one[origin] == polygon), None)
+            if face is None:
+                return None
+            bmesh.utils.face_split(face, *ends)
+            edge = edited.edges.get(ends)
+        return edge
 
-def _evened(mesh, levels):
-    """With steps of one at most from a face to those around, so that they join well."""
-    corners = arrays.mesh_corners(mesh)
-    faces = np.repeat(np.arange(len(levels)), arrays.corner_counts(mesh))
-    while True:
-        at_vertices = np.zeros(len(mesh.vertices), np.int32)
-        np.maximum.at(at_vertices, corners, levels[faces])
-        raised = levels.copy()
-        np.maximum.at(raised, faces, at_vertices[corners] - 1)
-        if np.array_equal(raised, levels):
-            return levels
-        levels = raised
+    for (a, b), polygon in zip(finer.ends.tolist(), owner[own:].tolist(), strict=True):
+        edge = edge_between(a, b, polygon)
+        vertices.append(bmesh.utils.edge_split(edge, vertices[a], 0.5)[1])
+    is_cut = (finer.triangles >= own).any(axis=1)
+    is_cut = np.isin(polygons, polygons[is_cut])
+    for triangle, polygon in zip(
+        finer.triangles[is_cut].tolist(), polygons[is_cut].tolist(), strict=True
+    ):
+        for a, b in zip(triangle, [*triangle[1:], triangle[0]], strict=True):
+            edge_between(a, b, polygon)
+    edited.faces.layers.int.remove(origin)
 
 
 def _keep_marks(edited, source, before):

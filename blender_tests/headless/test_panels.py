@@ -18,7 +18,6 @@ PANELS = {
     "subdivide_source": ("ui.result_panel", "POINTMORPH_PT_result"),
     "transfer_attributes": ("ui.result_panel", "POINTMORPH_PT_more"),
 }
-PLACES = {"subdivide_source": "RESULT"}  # it recomputes
 
 
 class Drawing:
@@ -55,7 +54,7 @@ def test_progress_stands_where_the_button_was(addon, settings, drawn, operator):
     assert operator in drawn(operator)
     assert "progress" not in drawn(operator)
     kind = getattr(bpy.types, f"POINTMORPH_OT_{operator}")
-    job.start(PLACES.get(operator) or kind.place)
+    job.start(kind.place)
     try:
         assert operator not in drawn(operator)
         assert "progress" in drawn(operator)
@@ -69,7 +68,7 @@ def test_every_operator_that_computes_is_looked_at(addon):
     computing = addon("operators.modal_operator").Computing
     found = {c.bl_idname for c in bpy.types.Operator.__subclasses__() if issubclass(c, computing)}
     names = {name.removeprefix("pointmorph.") for name in found}
-    assert names == set(PANELS) - set(PLACES) | {"bake_collection", "morph_chain"}
+    assert names == set(PANELS) | {"bake_collection", "morph_chain"}
 
 
 def test_a_redraw_parses_nothing_that_was_parsed_before(addon, settings, drawn, monkeypatch):
