@@ -107,11 +107,22 @@ class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
 
 class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
     """Let the points follow the armatures, shape keys, modifiers and motion of the original
-    objects. Press again to show the shapes as they were morphed"""
+    objects, also of a source that was morphed as shown. Press again to show the shapes as they
+    were morphed. A morph shown as a mesh follows with Keep Modifiers alone"""
 
     bl_idname = "pointmorph.follow"
     bl_label = "Follow"
     bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        reason = busy_reason() or made_reason(context)
+        if reason is None and not morph_object.is_result(made_object(context)):
+            reason = (
+                "Show the morph as points or discs first. A mesh moves with the source's rig if "
+                "Keep Modifiers is on when it is morphed"
+            )
+        return reason
 
     def change(self, context, obj):
         if obj.pointmorph.follows:

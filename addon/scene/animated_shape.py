@@ -24,7 +24,7 @@ def read_steps(context, obj, numbers):
     name, was, part = scene.name, scene.frame_current, scene.frame_subframe
     transforms.check_invertible(obj.name, obj.matrix_world)
     into = np.linalg.inv(np.array(obj.matrix_world, dtype=np.float64))
-    shapes = recipes.shapes_of(obj)
+    shapes = shape_follower.followed(obj, context)
     shape_follower.check_counts(obj, shapes, context)
     at_rest = [
         (arrays.by_row(row, arrays.read_vectors(obj.data, f"{stage}_normal")), matrix)

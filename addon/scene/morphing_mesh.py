@@ -181,7 +181,7 @@ def remake(context, obj, plan, outcome):
     if morph_object.is_result(obj):
         said = recomputation.apply(obj, plan, outcome)
         for user in recomputation.users_of(obj):
-            shape_follower.follow_on(user)
+            shape_follower.follow_on(user, context)
         for copy in bpy.data.objects:
             if copy.pointmorph.made_from == obj and is_copy(copy):
                 try:

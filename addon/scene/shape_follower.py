@@ -24,7 +24,7 @@ def follow(obj, context, created):
         When a shape is gone, or doesn't have the points any more that were morphed.
     """
     key = morph_object.morph_key(obj)
-    shapes = recipes.shapes_of(obj)
+    shapes = followed(obj, context)
     counts = check_counts(obj, shapes, context)
     modifier = obj.modifiers.get(MODIFIER) or obj.modifiers.new(MODIFIER, "NODES")
     _give_nodes(obj, modifier, created)
@@ -36,13 +36,28 @@ def follow(obj, context, created):
     obj.update_tag()
 
 
-def follow_on(obj):
+def followed(obj, context):
+    """The shapes that a morph object follows, in order; None for what is gone. One that was morphed
+    as shown is a copy, which stands still: its original, which has the same vertices."""
+    depsgraph = context.evaluated_depsgraph_get()
+    found = []
+    for shape, count in zip(recipes.shapes_of(obj), _wanted(obj), strict=True):
+        original = None if shape is None else recipes.original_of(shape)
+        if original != shape and original.type == "MESH":
+            evaluated = original.evaluated_get(depsgraph)
+            if evaluated.is_evaluated and len(evaluated.data.vertices) == count:
+                shape = original
+        found.append(shape)
+    return found
+
+
+def follow_on(obj, context):
     """Makes a morph object that follows its shapes do so with the points that it has now."""
     modifier = obj.modifiers.get(MODIFIER)
     if modifier is not None and modifier.node_group is not None:
         with creation.all_or_nothing() as created:
             _give_nodes(obj, modifier, created)
-        _set_inputs(obj, modifier, recipes.shapes_of(obj), _wanted(obj))
+        _set_inputs(obj, modifier, followed(obj, context), _wanted(obj))
 
 
 def rest(obj):

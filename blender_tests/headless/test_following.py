@@ -13,6 +13,7 @@ from scenes import (
     morph,
     pair,
     patch,
+    recompute,
     row_pairs,
     select,
     shown_points,
@@ -111,6 +112,37 @@ def test_it_is_the_source_at_0_and_the_target_at_1_in_every_frame(settings, moti
     obj = morph_and_follow()
     assert_it_follows(obj, source, target)
     assert obj.pointmorph.state == "CURRENT"
+
+
+def test_a_mesh_says_how_it_follows(settings):
+    settings.show_as = "MESH"
+    pair()
+    morph()
+    with pytest.raises(RuntimeError, match="as points or discs first.*Keep Modifiers"):
+        bpy.ops.pointmorph.follow()
+
+
+@pytest.mark.parametrize("motion", [bend, swell])
+def test_a_source_that_was_posed_is_followed_itself(settings, motion):
+    """A copy of it as shown is morphed, which stands still."""
+    source, target = pair()
+    motion(source)
+    source.modifiers.new("Twice", "MIRROR").use_axis = (False, False, True)
+    bpy.context.scene.frame_set(7)
+    obj = morph()
+    copy = settings.source
+    assert copy.pointmorph.shown_from == source
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    assert_it_follows(obj, source, target)
+    bpy.context.scene.frame_set(7)
+    np.testing.assert_allclose(in_world(source), in_world(copy), atol=1e-5)
+    # A copy that was edited is another shape.
+    bpy.ops.pointmorph.follow()
+    copy.data.vertices.add(1)
+    copy.data.update()
+    recompute(obj)
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    assert_it_follows(obj, copy, target)
 
 
 def test_after_save_load_and_duplicate(settings, tmp_path):
