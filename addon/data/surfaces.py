@@ -41,12 +41,24 @@ def mean(values, members, shares):
     return np.einsum("nk,nkc->nc", shares, values[members].astype(np.float64)).astype(np.float32)
 
 
-def _nearest(positions, places):
-    """By nearness: 1 for a point that a place lies on."""
+def nearest(positions, places):
+    """(N,) array of int and (N,) array: the point that is nearest to each place, and how far."""
+    tree = _tree_of(positions)
+    found = [tree.find(place)[1:] for place in places.tolist()]
+    return np.array([row for row, _ in found], np.int64), np.array([away for _, away in found])
+
+
+def _tree_of(positions):
     tree = KDTree(len(positions))
     for number, place in enumerate(positions.tolist()):
         tree.insert(place, number)
     tree.balance()
+    return tree
+
+
+def _nearest(positions, places):
+    """By nearness: 1 for a point that a place lies on."""
+    tree = _tree_of(positions)
     count = min(_NEIGHBORS, len(positions))
     found = [tree.find_n(place, count) for place in places.tolist()]
     members = np.array([[hit[1] for hit in hits] for hits in found])

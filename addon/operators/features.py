@@ -11,8 +11,8 @@ from ..data import arrays
 from ..data.feature_list import drop_choice, feature_names, forget_choice, named, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import feature_marks, marked_points
-from ..scene.shape_reader import read_request
+from ..scene import feature_marks, marked_points, panel_request
+from ..scene.panel_request import read_request
 from .modal_operator import Computing
 from .polls import Explained, busy_reason, fail, shapes_reason
 
@@ -149,14 +149,13 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         settings = context.scene.pointmorph
         sync_features(context.scene)
         request = read_request(context)
-        own, shown = marked_points.size_of(settings.target), len(request.target.positions)
-        if own != shown:
-            raise pointmorph.FeatureError(
-                settings.target.name,
-                f"the {own} vertices of the mesh",
-                f"{shown} with modifiers",
-                "Apply or disable the modifiers that add or remove vertices.",
+        self._own = [
+            panel_request.own_rows(obj, shape)
+            for obj, shape in (
+                (settings.source, request.source),
+                (settings.target, request.target),
             )
+        ]
         self._shapes = [reference_to(settings.source), reference_to(settings.target)]
         self._taken = set(request.source.marks.weights) | set(request.target.marks.weights)
         self._known = [_MarkedPlaces(shape) for shape in (request.source, request.target)]
@@ -177,7 +176,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
                 "The source or target has changed in the meantime: suggest features again",
             )
             return {"CANCELLED"}
-        marked, there, between, uncertain = [], 0, 0, 0
+        marked, there, between, uncertain, away = [], 0, 0, 0, 0
         for proposal in proposals:
             if proposal.confidence < self.confidence:
                 uncertain += 1
@@ -189,10 +188,14 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
             if any(known.has(row) for known, row in zip(self._known, rows, strict=True)):
                 there += 1
                 continue
+            own = [int(table[row]) for table, row in zip(self._own, rows, strict=True)]
+            if min(own) < 0:
+                away += 1
+                continue
             name = proposal.name
             while name in self._taken:
                 name += "_"
-            for obj, row in zip(objects, (proposal.source, proposal.target), strict=True):
+            for obj, row in zip(objects, own, strict=True):
                 feature_marks.mark(obj, name, [row])
             marked.append((name, proposal.confidence))
         sync_features(context.scene)
@@ -204,6 +207,8 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
             said.append(f"{there} skipped where features already are")
         if between:
             said.append(f"{between} no tips: turn on Places Between to mark these")
+        if away:
+            said.append(f"{away} where only a modifier makes vertices")
         if uncertain:
             said.append(f"{uncertain} less likely right than {100 * self.confidence:.0f} %")
         self.report({"INFO"}, "; ".join(said))

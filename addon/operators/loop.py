@@ -8,7 +8,7 @@ from ..core import transforms
 from ..data import areas, feature_list
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
-from ..scene.shape_reader import read_request
+from ..scene.panel_request import read_request
 from ..view import cut_curves
 from .modal_operator import Computing
 from .polls import Explained, busy_reason, fail, shapes_reason

@@ -52,6 +52,11 @@ _ROUNDER = 0.01
 162 vertices is moved by 0.006 and ends 0.005 from a head; one of 42 by 0.022, and 0.013 from it."""
 
 
+def keeps_vertices(kinds):
+    """Whether modifiers of these types leave a mesh its vertices, wherever these then are."""
+    return kinds <= (_KEPT - {"EDGE_SPLIT"}) | (_AT_REST - {"NODES"})
+
+
 def left_out(obj):
     """Names of what can make an object look different from its own mesh, in words: modifiers, and
     shape keys that show. Empty where the viewport shows the mesh itself."""
@@ -134,13 +139,43 @@ def _moved(context, obj, alone, how):
     return float(how(away)) / diagonal if diagonal > 0 else 0.0
 
 
+def is_taken_as_shown(view_layer, obj):
+    """Whether a morph starts from a copy of a source, as far as panels can tell, which ask at every
+    redraw: without making anything, and by the whole where a rig and Subdivision Surface both move
+    the vertices. None where that isn't known yet."""
+    if not may_change(obj):
+        return False
+    shown = [m for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
+    others = [modifier for modifier in shown if modifier.type != "SUBSURF"]
+    ends_with_rounding = all(modifier.type == "SUBSURF" for modifier in shown[len(others) :])
+    if _keys_that_show(obj) or not ends_with_rounding:
+        return True
+    if any(modifier.type not in _AT_REST for modifier in others):
+        return True
+    evaluated = _evaluated_in(view_layer, obj)
+    if evaluated is None:
+        return None
+    own, places = arrays.basis_positions(obj.data), arrays.vertex_positions(evaluated.data)
+    if not len(own) or len(places) < len(own):
+        return True
+    rounds = len(others) < len(shown)
+    how, much = (np.mean, _ROUNDER) if rounds else (np.max, 1e-5)
+    away = np.linalg.norm(places[: len(own)] - own, axis=1)
+    return bool(how(away) > much * np.linalg.norm(np.ptp(own, axis=0)))
+
+
 def vertices_shown(view_layer, obj):
     """How many vertices the viewport shows of a mesh; None where that isn't known yet."""
+    evaluated = _evaluated_in(view_layer, obj)
+    return None if evaluated is None else len(evaluated.data.vertices)
+
+
+def _evaluated_in(view_layer, obj):
     depsgraph = view_layer.depsgraph  # which isn't brought up to date: panels ask
     evaluated = None if depsgraph is None else obj.evaluated_get(depsgraph)
     if evaluated is None or not evaluated.is_evaluated or evaluated.type != "MESH":
         return None
-    return len(evaluated.data.vertices)
+    return evaluated
 
 
 def copy_as_shown(context, obj):

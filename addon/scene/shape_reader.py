@@ -4,47 +4,13 @@ import numpy as np
 import pointmorph
 
 from ..core import transforms
-from ..core.computation import Request, Shape
-from ..core.features import PREFIX, Marks, match
-from ..core.settings import settings_values
+from ..core.computation import Shape
+from ..core.features import PREFIX, Marks
 from ..core.stepping import finish
 from ..data import arrays, masks
-from ..data.feature_list import feature_choices, feature_groups
+from ..data.feature_list import feature_groups
 from ..data.materials import Pictures
 from . import baked_colors, object_looks
-
-
-def read_request(context):
-    """The scene's source and target, features and settings, as the library takes them.
-
-    The source is its mesh without modifiers, because that's what shape keys are put on; the target
-    is what the viewport shows.
-
-    Raises
-    ------
-    PointmorphError
-        In words for the user, with the object's name.
-    """
-    return finish(read_request_steps(context))
-
-
-def read_request_steps(context):
-    """The same as a generator that yields often, because large shapes take long."""
-    settings = context.scene.pointmorph
-    update(context, settings.source, settings.target)
-    yield
-    origin = np.array(settings.source.matrix_world.translation)
-    source = yield from read_shape_steps(context, settings.source, origin, False)
-    yield
-    target = yield from read_shape_steps(context, settings.target, origin, True)
-    yield
-    return Request(
-        source,
-        target,
-        features=match(source, target, feature_choices(settings)),
-        loop=[feature.name for feature in settings.loop],
-        settings=settings_values(settings),
-    )
 
 
 def update(context, *objects):

@@ -125,6 +125,8 @@ def put_on(obj, what):
         add_key(obj, 0.0, (0, 0, 1))
         obj.active_shape_key_index = int(what == "pin")
         obj.show_only_shape_key = True
+    elif what == "round":
+        obj.modifiers.new("Round", "SUBSURF")
     elif what == "triangles":
         obj.modifiers.new("Triangles", "TRIANGULATE")
     bpy.context.view_layer.update()
@@ -163,6 +165,71 @@ def test_a_source_is_morphed_as_it_looks(settings, capfd, what):
     assert settings.source.hide_get() == (what in CHANGED)
     bpy.ops.pointmorph.morph()
     assert len(bpy.context.scene.objects) == 4 + (what in CHANGED) + (what in ("pose", "rest"))
+
+
+@pytest.mark.parametrize("what", [*CHANGED, "rest", "quiet key", "pinned basis", "round"])
+def test_the_panel_counts_the_vertices_that_are_morphed(addon, settings, what):
+    settings.show_as = "POINTS"
+    source, target = pair(3 if what == "rough" else 14, 12)
+    for obj in (source, target):
+        obj.vertex_groups.clear()
+    put_on(source, what)
+    known, view_layer = addon("scene.as_shown"), bpy.context.view_layer
+    as_shown = known.is_taken_as_shown(view_layer, source)
+    assert as_shown == (what in CHANGED)
+    told = known.vertices_shown(view_layer, source) if as_shown else len(source.data.vertices)
+    morph()
+    assert len(settings.source.data.vertices) == told
+
+
+def test_suggestions_are_for_the_source_as_it_is_morphed(addon, settings):
+    """A ball that a shape key stretches to a bar with a tip, and the bar itself."""
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    source = bpy.context.object
+    places = coordinates(source.data.vertices)
+    bar = places * (0.5, 0.5, 1) * (1 + 1.5 * np.maximum(places[:, 2:], 0) ** 8)
+    bar = bar * (1.0, 1.0, 2.0)
+    source.shape_key_add(name="Basis")
+    key = source.shape_key_add(name="Bar")
+    key.data.foreach_set("co", bar.astype(np.float32).reshape(-1))
+    key.value = 1.0
+    target = add_mesh("Bar", bar, [f.vertices[:] for f in source.data.polygons])
+    pick(source, target)
+    before = data_blocks()
+    request = addon("scene.panel_request").read_request(bpy.context)
+    assert data_blocks() == before
+    assert settings.source == source
+    assert not source.hide_get()
+    assert request.source.name == source.name
+    np.testing.assert_allclose(request.source.positions, bar, atol=1e-5)
+    settings.source.pointmorph.keep_modifiers = True
+    request = addon("scene.panel_request").read_request(bpy.context)
+    np.testing.assert_allclose(request.source.positions, places, atol=1e-5)
+    settings.source.pointmorph.keep_modifiers = False
+    assert bpy.ops.pointmorph.propose_features() == {"FINISHED"}
+    assert len(settings.features) > 0
+    for item in settings.features:
+        rows = [
+            [v.index for v in obj.data.vertices if any(g.group == group.index for g in v.groups)]
+            for obj in (source, target)
+            for group in [obj.vertex_groups[f"pm.{item.name}"]]
+        ]
+        assert [len(found) for found in rows] == [1, 1]
+        apart = bar[rows[0][0]] - bar[rows[1][0]]
+        assert np.linalg.norm(apart) < 0.5, item.name
+
+
+def test_suggestions_on_a_mirrored_source_are_marked_on_its_own_half(addon, mirrored):
+    request = addon("scene.panel_request").read_request(bpy.context)
+    assert len(request.source.positions) == 128
+    rows = addon("scene.panel_request").own_rows(mirrored, request.source)
+    assert np.array_equal(rows[:64], np.arange(64))
+    assert (rows[64:] == -1).sum() > 50
+    mirrored.modifiers.new("Fewer", "DECIMATE").ratio = 0.5
+    bpy.context.view_layer.update()
+    request = addon("scene.panel_request").read_request(bpy.context)
+    with pytest.raises(Exception, match="Apply or disable the modifiers that add or remove"):
+        addon("scene.panel_request").own_rows(mirrored, request.source)
 
 
 def test_modifiers_are_kept_on_request(mirrored, settings, capfd):
@@ -288,7 +355,9 @@ def test_marks_wait_for_the_mesh_of_a_text(settings, addon):
     pick(add_other("FONT"), add_mesh("Dune", *patch(9, bump=0.8)))
     assert "is no mesh" in addon("scene.feature_marks").unmarkable(bpy.context)
     assert not bpy.ops.pointmorph.propose_features.poll()
-    assert "expected a mesh" in error_of(bpy.ops.pointmorph.check_features)
+    before = data_blocks()
+    assert bpy.ops.pointmorph.check_features() == {"FINISHED"}  # as it will be morphed
+    assert data_blocks() == before
 
 
 def test_a_source_that_is_disabled_is_refused_in_words(mirrored, settings):

@@ -44,7 +44,7 @@ def test_among_equals_the_nearest_to_the_weighted_centroid_wins(addon):
 
 def test_both_objects_give_a_row(addon, settings):
     source, target = pair()
-    request = addon("scene.shape_reader").read_request(bpy.context)
+    request = addon("scene.panel_request").read_request(bpy.context)
     assert list(request.features) == ["peak", "slope"]
     for name, rows in request.features.items():
         for obj, row in zip((source, target), rows, strict=True):
@@ -115,7 +115,7 @@ def read_features():
 
 
 def read_all():
-    name = next(n for n in sys.modules if n.endswith(".scene.shape_reader"))
+    name = next(n for n in sys.modules if n.endswith(".scene.panel_request"))
     bpy.context.view_layer.update()
     return sys.modules[name].read_request(bpy.context).features
 

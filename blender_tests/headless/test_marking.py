@@ -241,7 +241,7 @@ def test_a_feature_that_is_off_is_none(addon, pair, settings):
     assert addon("core.background_job").problem is not None  # nothing has changed
     settings.features["half"].use = False
     settings.features["slope"].use = False
-    assert set(addon("scene.shape_reader").read_request(bpy.context).features) == {"peak"}
+    assert set(addon("scene.panel_request").read_request(bpy.context).features) == {"peak"}
     assert bpy.ops.pointmorph.morph() == {"FINISHED"}
     assert addon("core.background_job").problem is None
 

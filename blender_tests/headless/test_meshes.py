@@ -315,7 +315,7 @@ def test_packed_numbers_come_back(addon, numbers):
 
 def test_the_map_starts_anew_where_faces_differ(addon, settings):
     computation = addon("core.computation")
-    request = addon("scene.shape_reader").read_request
+    request = addon("scene.panel_request").read_request
     pair(12, 10, domain="auto")
     settings.method = "auto"
     first = request(bpy.context)

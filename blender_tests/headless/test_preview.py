@@ -9,7 +9,7 @@ import scenes
 
 def request(addon, settings, side=150):
     source, _ = scenes.pair(side, side - 20)
-    return source, addon("scene.shape_reader").read_request(bpy.context)
+    return source, addon("scene.panel_request").read_request(bpy.context)
 
 
 def test_a_thinned_shape_is_even_and_keeps_the_marks(addon, settings):
@@ -41,7 +41,7 @@ def test_curves_and_regions_are_thinned_too(addon, settings):
         scenes.add_group(obj, "pm.ridge", dict.fromkeys(range(row + 5, row + side - 5), 1.0))
         patch = [r for r in range(side * side) if r % side < 40 and r // side > side - 40]
         scenes.add_group(obj, "pm.corner", dict.fromkeys(patch, 0.5))
-    whole = addon("scene.shape_reader").read_request(bpy.context)
+    whole = addon("scene.panel_request").read_request(bpy.context)
     thinned = addon("core.preview").thin(whole)
     for name in ("ridge", "corner"):
         full, few = whole.features[name], thinned.features[name]

@@ -297,7 +297,7 @@ def test_both_are_read_in_the_frame_of_the_source(addon, settings):
     source, target = pair()
     source.location = (100, 0, 0)
     target.location = (100, 5, 0)
-    request = addon("scene.shape_reader").read_request(bpy.context)
+    request = addon("scene.panel_request").read_request(bpy.context)
     assert np.array_equal(request.source.positions, coordinates(source.data.vertices))
     np.testing.assert_allclose(
         request.target.positions, coordinates(target.data.vertices) + [0, 5, 0], atol=1e-6
