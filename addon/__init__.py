@@ -27,7 +27,7 @@ from .operators import (
     recompute,
     textures,
 )
-from .scene import cache_files, marked_points, object_properties
+from .scene import cache_files, left_copies, marked_points, object_properties
 from .ui import handlers, panels, quality_panel, result_panel, stagger_panel
 from .view import cut_curves, markers, staleness_watch
 
@@ -40,6 +40,7 @@ _registrations = [
         object_properties,
         marked_points,
         cache_files,
+        left_copies,
         markers,
         cut_curves,
         staleness_watch,

@@ -19,6 +19,14 @@ def all_or_nothing():
         raise
 
 
+def copied(obj):
+    """A copy of an object that is of this file alone, and no library override of another one's."""
+    copy = obj.copy()
+    if copy.override_library is not None:
+        copy.make_local(clear_liboverride=True)
+    return copy
+
+
 def link(context, obj):
     """Puts a new object into the active collection, or into the scene's where that is linked."""
     collection = context.collection

@@ -119,7 +119,7 @@ class _Morphing(Recomputing):
                 copy = known[shape]
                 mesh = as_shown.renew(context, copy)
                 self._renewed.append((reference_to(copy), reference_to(mesh), *before))
-            _pick_instead(settings, shape, copy)
+            staleness.pick_instead(settings, shape, copy)
             update(context, copy)
         return there
 
@@ -130,14 +130,14 @@ class _Morphing(Recomputing):
             copy = find(bpy.data.objects, reference)
             if copy is not None:
                 for scene in bpy.data.scenes:
-                    _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
+                    staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
                 as_shown.remove(context, copy, *before)
         renewed, self._renewed = self._renewed, ()
         for reference, mesh, *before in renewed:
             copy, old = find(bpy.data.objects, reference), find(bpy.data.meshes, mesh)
             if copy is not None and old is not None:
                 for scene in bpy.data.scenes:
-                    _pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
+                    staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
                 as_shown.put_back(context, copy, old, *before)
 
     def _say_applied(self, obj, shapes):
@@ -265,17 +265,6 @@ class _Morphing(Recomputing):
                 bpy.data.meshes.remove(old)
                 find(bpy.data.objects, reference).data.name = name
         return {"FINISHED"}
-
-
-def _pick_instead(settings, shape, other):
-    """Has the panel pick another object wherever it has picked one."""
-    for owner, name in (
-        (settings, "source"),
-        *((item, "object") for item in settings.via),
-        (settings, "target"),
-    ):
-        if getattr(owner, name) == shape:
-            setattr(owner, name, other)
 
 
 def _leave_mode(context):

@@ -121,7 +121,7 @@ def _moved(context, obj, alone, how):
     """
     tried = obj
     if alone:
-        tried = obj.copy()
+        tried = creation.copied(obj)
         context.scene.collection.objects.link(tried)
     try:
         for modifier in list(tried.modifiers) if alone else ():
@@ -327,7 +327,7 @@ def _copy(obj, mesh, created):
         for name in _PLACE:
             setattr(copy, name, getattr(obj, name))
         return copy
-    copy = obj.copy()
+    copy = creation.copied(obj)
     # Its mesh is the original's until the new one is there: keys must not be removed with it.
     try:
         _forget_morph(copy)

@@ -40,7 +40,7 @@ def make_mesh(context, obj):
     with creation.all_or_nothing() as created:
         mesh = source.data.copy()
         created(mesh)
-        copy = source.copy()
+        copy = creation.copied(source)
         created(copy)
         copy.data = mesh
         copy.pointmorph.recipe = ""  # of a source that morphs itself

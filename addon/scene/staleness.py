@@ -17,6 +17,17 @@ def picked_shapes(scene):
     return [settings.source, *(item.object for item in settings.via), settings.target]
 
 
+def pick_instead(settings, shape, other):
+    """Has the panel pick another object wherever it has picked one."""
+    for owner, name in (
+        (settings, "source"),
+        *((item, "object") for item in settings.via),
+        (settings, "target"),
+    ):
+        if getattr(owner, name) == shape:
+            setattr(owner, name, other)
+
+
 def is_picked(scene, obj):
     """Whether the panel is about this morph object: the same shapes are picked there, or copies of
     them that show the same."""

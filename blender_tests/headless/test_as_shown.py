@@ -232,6 +232,61 @@ def test_suggestions_on_a_mirrored_source_are_marked_on_its_own_half(addon, mirr
         addon("scene.panel_request").own_rows(mirrored, request.source)
 
 
+def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
+    shown = morph()
+    copy = settings.source
+    name, points = copy.name, shown.pointmorph.made_from
+    remove_left = addon("scene.left_copies").remove_left
+    bpy.data.objects.remove(shown)
+    remove_left()
+    assert name in bpy.data.objects  # its points are there
+    bpy.data.objects.remove(points)
+    mark(copy, "peak", 1, 0)
+    remove_left()
+    assert name in bpy.data.objects  # who marked it wants it
+    copy.vertex_groups.remove(copy.vertex_groups["pm.peak"])
+    copy.hide_render = False
+    remove_left()
+    assert name in bpy.data.objects  # or shows it
+    copy.hide_render = True
+    remove_left()
+    assert name not in bpy.data.objects
+    assert settings.source == mirrored
+    bpy.ops.pointmorph.show_shapes()
+    assert not mirrored.hide_get()
+    assert morph().name == "Half to Dune"
+
+
+@pytest.mark.parametrize("what", ["plain", "mirror"])
+@pytest.mark.parametrize("how", ["linked", "overridden"])
+def test_what_is_linked_is_morphed_as_objects_of_this_file(settings, tmp_path, how, what):
+    settings.show_as = "MESH"
+    path = str(tmp_path / "library.blend")
+    shapes = pair()
+    put_on(shapes[0], what)
+    bpy.data.libraries.write(path, set(shapes))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, loaded):
+        loaded.objects = ["Hill", "Dune"]
+    objects = list(loaded.objects)
+    for obj in objects:
+        bpy.context.scene.collection.objects.link(obj)
+    if how == "overridden":
+        objects = [obj.override_create(remap_local_usages=True) for obj in objects]
+    bpy.context.view_layer.update()
+    pick(*objects)
+    bpy.context.scene.pointmorph.show_as = "MESH"
+    shown = morph()
+    source = bpy.context.scene.pointmorph.source
+    made = {shown, shown.pointmorph.made_from, *({source} if what == "mirror" else ())}
+    for obj in made:
+        assert obj.library is obj.override_library is obj.data.library is None
+    assert (source == objects[0]) == (what == "plain")
+    if what == "plain":
+        with pytest.raises(RuntimeError, match="an editable mesh.*linked from another file"):
+            bpy.ops.pointmorph.subdivide_source()
+
+
 def test_modifiers_are_kept_on_request(mirrored, settings, capfd):
     mirrored.pointmorph.keep_modifiers = True
     shown = morph()
