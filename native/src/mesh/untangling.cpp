@@ -251,6 +251,7 @@ Values shares_of(const MeshPatch& patch, const ElasticSheet& sheet,
 void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
                const std::vector<MeshPatch>& patches, const UntangleOptions& options,
                const Positions& start, Positions& x) {
+    constexpr double kHardly = 0.002;  // of the area: some samples more or less
     const Positions end = x;
     const Values bare_before = options.bare ? options.bare(start) : Values();
     const Values bare_now = options.bare ? options.bare(end) : Values();
@@ -269,7 +270,7 @@ void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
             bared += bare_now[f] - bare_before[f];
             turned += 0.5 * less * sheet.metric_sides(f).determinant();
         }
-        if (more <= 0 && bared <= std::max(turned, 0.0)) continue;
+        if (more <= 0 && bared <= std::max(turned, kHardly)) continue;
         for (const Index v : patch.vertices) x.row(v) = start.row(v);
     }
 }

@@ -41,7 +41,8 @@ struct UntangleOptions {
     const Creases* creases = nullptr;
     /// Of each face: the area of the target that has its place there and that no face reaches, with
     /// vertices at these places; in the unit of the sheet's metric. Surroundings that would bare
-    /// more of it than faces are turned back stay as they were, where this is given.
+    /// more of it than faces are turned back stay as they were, where this is given; all are judged
+    /// with all of them moved.
     std::function<Values(const Positions&)> bare = {};
 };
 

@@ -116,18 +116,19 @@ public:
     /// off much of the target, what keeps it there stays as it lies: the wall of a hole that the
     /// target doesn't have.
     void finish(const Mesh* surface, Progress& progress) {
+        // Of 40 pairs of things, turning back bared 65 to 71 % where a torus became a ball, and
+        // otherwise less than 2 %, but for a torus on a head with two holes.
         constexpr double kMuch = 0.03;  // of the area
         std::optional<Faces> faces;
         if (surface) faces.emplace(*surface, scale_, progress);
         const Positions settled = x_;
         finish_on(faces ? &*faces : nullptr, progress);
         const double bare = bare_by_face(x_, progress).sum();
-        if (bare < kMuch) return;
+        if (bare < kMuch || !(bare > bare_by_face(settled, progress).sum() + kMuch)) return;
         const Positions bared = std::exchange(x_, settled);
         stays_on_ = true;
         finish_on(faces ? &*faces : nullptr, progress);
-        constexpr double kFarLess = 0.5;
-        if (!(bare_by_face(x_, progress).sum() < kFarLess * bare)) x_ = bared;
+        if (!(bare_by_face(x_, progress).sum() < bare)) x_ = bared;
     }
 
     /// In √area.

@@ -431,13 +431,14 @@ std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& m
             search, implied_pose(search.source.full.positions,
                                  its.registration.source_points.positions, its.alignment));
     };
+    const double of_map = turned(map);
     return each<Candidate>(
         motions,
         [&](const SelfMotion& motion) {
             Candidate other =
                 followed_by_motion(map, search.source.full, search.target.full, motion);
             rate(search, other);
-            const double more = std::max(1.0, turned(other) / turned(map));
+            const double more = std::max(1.0, turned(other) / of_map);
             if (other.cost < kLittle * more * map.cost) {
                 other.energy = more * map.energy;
                 other.cost = more * map.cost;

@@ -42,7 +42,7 @@ CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
     return coarse_of_cloud(p, normals, required);
 }
 
-Pose found(const CoarseShape& source, const CoarseShape& target) {
+Pose pose_between(const CoarseShape& source, const CoarseShape& target) {
     Progress progress;
     return find_pose({source, target}, lighter_where_watched().pose, {}, progress);
 }
@@ -51,7 +51,7 @@ TEST(Pose, SymmetricShapesAreAmbiguousAndTheRivalsAreNamed) {
     const Index count = is_watched() ? 900 : 2500;
     const CoarseShape source = egg(count, 0.0, 1, Matrix3::Identity());
     const CoarseShape target = egg(count - 300, 0.0, 2, shapes::rotation(7));
-    const Pose pose = found(source, target);
+    const Pose pose = pose_between(source, target);
     EXPECT_LT(pose.margin, 1.1);
     EXPECT_LT(pose.confidence, 0.55);
     const std::vector<Rival> rivals = describe_rivals(source, target, pose);
@@ -114,7 +114,7 @@ TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
     std::vector<Pose> poses;
     for (const int threads : {1, 3}) {
         const ThreadCount count(threads);
-        poses.push_back(found(source, target));
+        poses.push_back(pose_between(source, target));
     }
     EXPECT_EQ(poses[0].best.registration.source_points.positions,
               poses[1].best.registration.source_points.positions);
@@ -148,7 +148,7 @@ TEST(Pose, TheTurnOfAShapeWithoutSymmetryIsFound) {
     const CoarseShape source = egg(2500, 0.8, 1, Matrix3::Identity());
     for (const unsigned seed : {7u, 8u}) {
         const CoarseShape target = egg(2200, 0.8, 2, shapes::rotation(seed));
-        const Pose pose = found(source, target);
+        const Pose pose = pose_between(source, target);
         EXPECT_GT(pose.margin, 1.1);
         const Positions truth = source.positions * shapes::rotation(seed).transpose();
         const Positions images =
@@ -293,7 +293,7 @@ TEST(Pose, AMapCostsMoreTheFartherItTurnsTheTarget) {
     const CoarseShape source = egg(2500, 0.0, 1, Matrix3::Identity());
     const auto pose_of = [&](double angle) {
         const Matrix3 turn(Eigen::AngleAxisd(angle, Vector3(1.0, 2.0, 2.0) / 3.0));
-        return std::pair(found(source, egg(2200, 0.0, 2, turn)), turn);
+        return std::pair(pose_between(source, egg(2200, 0.0, 2, turn)), turn);
     };
     for (const double angle : {0.0, 0.2, -0.4}) {
         const auto [pose, turn] = pose_of(angle);
@@ -323,7 +323,7 @@ TEST(Pose, ACubeOnABallIsNoCoinTossAsItWasGiven) {
         normals(i, axis) = cube(i, axis) > 0.0 ? 1.0 : -1.0;
         cube.row(i) *= 0.2 / most;
     }
-    EXPECT_GT(found(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
+    EXPECT_GT(pose_between(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
     PoseOptions without;
     without.as_given = 1.0;
     Progress progress;
