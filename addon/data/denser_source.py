@@ -1,5 +1,6 @@
 """More vertices for a source whose faces are too large to show the shapes that it becomes."""
 
+import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ class Stop:
     ----------
     shape : computation.Shape
     landing : (N, 3) array
-        Where the source's vertices are then.
+        Where the source's vertices are then; None where nobody knows.
     back : (M, 3) array
         Where the shape's points are on the source; None where nobody knows.
     """
@@ -37,13 +38,14 @@ class Start:
 
     Attributes
     ----------
-    positions : (N, 3) array
-        Of the source.
+    positions, targets : (N, 3) array, (M, 3) array
+        Of the source and the target.
     maps : (N, 3) array, (M, 3) array
         Where its vertices are on the target, and where the target's points are on it.
     """
 
     positions: np.ndarray
+    targets: np.ndarray
     maps: tuple
 
     def live_for(self, request):
@@ -51,25 +53,42 @@ class Start:
 
     def start_for(self, request):
         """The maps, if a request is about these shapes."""
-        places = request.source.positions
-        same = len(places) == len(self.positions) and len(request.target.positions) == len(
-            self.maps[1]
-        )
-        size = float(np.ptp(self.positions, axis=0).max())
-        if not same or np.abs(places - self.positions).max() > 1e-4 * size:
-            return None
-        return self.maps if _can_start(request.settings) else None
+        same = are_same(request.source.positions, self.positions)
+        same = same and are_same(request.target.positions, self.targets)
+        return self.maps if same and _can_start(request.settings) else None
 
 
-next_start = None
-"""A Start for the next morph that is computed again, or None."""
+def are_same(places, others):
+    """Whether points lie where others do, but for rounding."""
+    if places.shape != others.shape:
+        return False
+    return bool(np.abs(places - others).max() <= 1e-4 * np.ptp(others, axis=0).max())
 
 
-def take_start():
-    """That, once."""
-    global next_start
-    start, next_start = next_start, None
-    return start
+_starting = (None, None)
+
+
+@contextlib.contextmanager
+def starting(made, start):
+    """Whoever begins to compute a morph object again in here has it start from a Start.
+
+    Parameters
+    ----------
+    made : int
+        See `references.reference_to`.
+    start : Start or None
+    """
+    global _starting
+    _starting = made, start
+    try:
+        yield
+    finally:
+        _starting = None, None
+
+
+def start_of(made):
+    """The Start for a morph object that begins to be computed again; None where it has none."""
+    return _starting[1] if _starting[0] == made else None
 
 
 @dataclass(frozen=True)
@@ -120,8 +139,11 @@ def compute(request, stops, progress):
     source = request.source
     made = Finer(np.empty((0, 2), np.int64), source.triangles, np.arange(len(source.triangles)))
     for number, stop in enumerate(stops):
-        landing = made.extended(stop.landing)
-        if coverage.missed_share(landing, source.triangles, stop.shape) <= _ENOUGH:
+        landing = None if stop.landing is None else made.extended(stop.landing)
+        if (
+            landing is not None
+            and coverage.missed_share(landing, source.triangles, stop.shape) <= _ENOUGH
+        ):
             continue
 
         def tell(stage, fraction, number=number):
@@ -129,7 +151,7 @@ def compute(request, stops, progress):
             return progress(said, fraction)
 
         start = None
-        if stop.back is not None and _can_start(request.settings):
+        if landing is not None and stop.back is not None and _can_start(request.settings):
             start = (landing, stop.back)
         morph = pointmorph.morph(
             source.cloud(),
@@ -146,7 +168,8 @@ def compute(request, stops, progress):
         )
         source = _finer_shape(source, denser)
         if len(stops) == 1 and stop.back is not None:
-            made = replace(made, start=Start(source.positions, (denser.wrapped, stop.back)))
+            maps = denser.wrapped, stop.back
+            made = replace(made, start=Start(source.positions, stop.shape.positions, maps))
     return made
 
 

@@ -218,8 +218,8 @@ class POINTMORPH_OT_subdivide_source(Explained, Computing, bpy.types.Operator):
 
     recompute: bpy.props.BoolProperty(
         name="Recompute",
-        description="Recompute the morph afterward. In a window, this is a separate undo step, "
-        "and Esc cancels only this",
+        description="Recompute the morph afterward. In a window, this is a separate undo step: "
+        "Esc before it leaves the source as it is, and Esc during it keeps the new vertices",
         default=True,
         options={"SKIP_SAVE"},
     )
@@ -252,10 +252,10 @@ class POINTMORPH_OT_subdivide_source(Explained, Computing, bpy.types.Operator):
         # What the morph holds of an object that is gone has no more vertices than before.
         if self.recompute and made_reason(context) is None and None not in recipes.shapes_of(obj):
             self.report({"INFO"}, done)
-            denser_source.next_start = finer.start
             mode = "INVOKE_DEFAULT" if self._in_window else "EXEC_DEFAULT"
             try:
-                bpy.ops.pointmorph.recompute(mode, name=obj.name)
+                with denser_source.starting(self._made, finer.start):
+                    bpy.ops.pointmorph.recompute(mode, name=obj.name)
             except RuntimeError as error:  # the source is subdivided nevertheless
                 self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
         else:

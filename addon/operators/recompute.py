@@ -24,12 +24,12 @@ from .polls import Explained, busy_reason, say_made
 class Recomputing(Computing):
     """An operator that computes a morph object again."""
 
-    def begin_again(self, context, obj):
-        """A generator that yields often and returns what to call with a progress."""
+    def begin_again(self, context, obj, start=None):
+        """A generator that yields often and returns what to call with a progress, maybe from a
+        `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
         self._name, self._made = obj.name, reference_to(obj)
-        start = denser_source.take_start()
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
         earlier = start or (background_job.earlier if self._in_window else None)
@@ -83,13 +83,19 @@ class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
         return busy_reason() or made_reason(context)
 
     def _begin_steps(self, context):
+        obj = bpy.data.objects.get(self.name) if self.name else None
+        # At once: what is said here is for this time.
+        start = None if obj is None else denser_source.start_of(reference_to(obj))
+        return self._steps_from(context, start)
+
+    def _steps_from(self, context, start):
         sync_features(context.scene)
         obj = bpy.data.objects.get(self.name) if self.name else made_object(context)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
                 self.name, "a morph object of this name", "none", "Morph first."
             )
-        return (yield from self.begin_again(context, obj))
+        return (yield from self.begin_again(context, obj, start))
 
     def _finish(self, context, outcome):
         say_made(self, self.finish_again(context, outcome), outcome.report)

@@ -6,7 +6,7 @@ import pointmorph
 
 from ..core.features import PREFIX
 from ..data import arrays, surfaces
-from ..data.denser_source import Stop
+from ..data.denser_source import Stop, are_same
 from . import morph_object, morph_paths
 
 _ORIGIN = ".origin"  # of every face: which of the source's it was
@@ -38,25 +38,36 @@ def stops_of(obj, requests):
     Raises
     ------
     CloudError
-        See `morph_paths.source_ways`; and when a shape has no faces, or has changed.
+        See `morph_paths.source_ways`; and when no shape has faces, or one of a chain has changed.
     """
     places = morph_paths.source_ways(obj)[1]
     shapes = [request.target for request in requests]
-    if requests[0].source.triangles is None or any(one.triangles is None for one in shapes):
+    if requests[0].source.triangles is None or all(one.triangles is None for one in shapes):
         raise pointmorph.CloudError(
             obj.name,
             "shapes with faces",
             "one without, or a morph from an earlier version",
             "Recompute the morph, or subdivide the source in Edit Mode.",
         )
-    counts = [int(rows.max()) + 1 for rows in morph_object.stage_rows(obj)]
-    found = [len(shape.positions) for shape in (requests[0].source, *shapes)]
-    if counts != found:
-        raise pointmorph.CloudError(
-            obj.name, "the shapes it was made from", "others that have changed", "Morph again."
-        )
+    if not _are_stored(obj, [requests[0].source, *shapes]):
+        if len(shapes) > 1:
+            raise pointmorph.CloudError(
+                obj.name,
+                "the shapes it was made from",
+                "others that have changed",
+                "Recompute first.",
+            )
+        return [Stop(shapes[0], None, None)]  # found anew
     backs = _backs(obj, shapes)
     return [Stop(*stop) for stop in zip(shapes, places[1:], backs, strict=True)]
+
+
+def _are_stored(obj, shapes):
+    """Whether shapes lie where they lay when they were morphed: the maps are about these."""
+    stages = zip(morph_object.stage_keys(obj), morph_object.stage_rows(obj), strict=True)
+    stored = [arrays.by_row(rows, arrays.key_positions(key)) for key, rows in stages]
+    pairs = zip((shape.positions for shape in shapes), stored, strict=True)
+    return all(are_same(*pair) for pair in pairs)
 
 
 def _check_editable(source):
@@ -118,7 +129,7 @@ def write(source, finer, triangles):
     edited = bmesh.new()
     try:
         edited.from_mesh(mesh)
-        _cut(edited, finer, arrays.triangle_faces(mesh)[finer.parents])
+        _cut(edited, source.name, finer, arrays.triangle_faces(mesh)[finer.parents])
         _keep_marks(edited, source, before)
         edited.to_mesh(mesh)
     finally:
@@ -127,16 +138,23 @@ def write(source, finer, triangles):
     return before, len(mesh.vertices)
 
 
-def _cut(edited, finer, polygons):
+def _cut(edited, name, finer, polygons):
     """Halves edges of a BMesh, and cuts the faces that have new vertices into triangles. Blender
     gives new vertices and corners what those have that they lie between.
 
     Parameters
     ----------
     edited : BMesh
+    name : str
+        The source's.
     finer : denser_source.Finer
     polygons : (F,) array of int
         The face of the BMesh that each of its triangles is a piece of.
+
+    Raises
+    ------
+    CloudError
+        When it has no such face.
     """
     origin = edited.faces.layers.int.new(_ORIGIN)
     for number, face in enumerate(edited.faces):
@@ -146,20 +164,35 @@ def _cut(edited, finer, polygons):
     owner = np.zeros(own + len(finer.ends), np.int64)  # of what lies within a face
     owner[finer.triangles] = polygons[:, None]
 
+    def own_edge(start, end, polygon):
+        """That of a piece of the polygon; others may be between the same vertices."""
+        for edge in start.link_edges:
+            if edge.other_vert(start) == end and any(f[origin] == polygon for f in edge.link_faces):
+                return edge
+        return None
+
     def edge_between(a, b, polygon):
         ends = vertices[a], vertices[b]
-        edge = edited.edges.get(ends)
+        edge = own_edge(*ends, polygon)
         if edge is None:
-            shared = (face for face in ends[0].link_faces if face in set(ends[1].link_faces))
+            others = set(ends[1].link_faces)
+            shared = (face for face in ends[0].link_faces if face in others)
             face = next((one for one in shared if one[origin] == polygon), None)
             if face is None:
                 return None
             bmesh.utils.face_split(face, *ends)
-            edge = edited.edges.get(ends)
+            edge = own_edge(*ends, polygon)
         return edge
 
     for (a, b), polygon in zip(finer.ends.tolist(), owner[own:].tolist(), strict=True):
         edge = edge_between(a, b, polygon)
+        if edge is None:
+            raise pointmorph.CloudError(
+                name,
+                "faces that can be cut in two",
+                f"face {polygon}, which can't",
+                "Remove doubled faces and edges (Mesh > Clean Up), or subdivide it in Edit Mode.",
+            )
         vertices.append(bmesh.utils.edge_split(edge, vertices[a], 0.5)[1])
     is_cut = (finer.triangles >= own).any(axis=1)
     is_cut = np.isin(polygons, polygons[is_cut])

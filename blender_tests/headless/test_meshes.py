@@ -2,11 +2,14 @@
 large for it, that is said and mended."""
 
 import json
+from types import SimpleNamespace
 
+import bmesh
 import bpy
 import numpy as np
 import pointmorph
 import pytest
+from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 from modeling import creature, primitive
 from scenes import (
@@ -162,6 +165,95 @@ def test_subdividing_says_what_it_needs(settings):
     obj.data.attributes.remove(obj.data.attributes["target_landing"])
     assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
     assert len(source.data.vertices) > 36
+
+
+def test_subdividing_finds_a_target_anew_that_was_moved(settings):
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    pick(source, target)
+    obj = morph()
+    target.location = (5, 0, 0)
+    assert bpy.ops.pointmorph.subdivide_source(recompute=False) == {"FINISHED"}
+    moved = len(source.data.vertices)
+    assert moved > 90
+    target.data.transform(Matrix.Scale(3.0, 4, (1, 0, 0)))
+    select(obj)
+    recompute(obj)
+    assert obj.pointmorph.state == "CURRENT"
+
+
+def test_a_chain_of_shapes_that_were_moved_is_recomputed_first(settings):
+    shapes = [primitive("cube"), primitive("ico_sphere", subdivisions=2), primitive("uv_sphere")]
+    settings.source, settings.target = shapes[0], shapes[-1]
+    settings.via.add().object = shapes[1]
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    shapes[1].location = (5, 0, 0)
+    with pytest.raises(RuntimeError, match="others that have changed. Recompute first"):
+        bpy.ops.pointmorph.subdivide_source()
+
+
+def test_subdividing_goes_past_the_clouds_of_a_chain(settings):
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    points = coordinates(target.data.vertices) * (1.5, 1, 1)
+    cloud = add_point_cloud("Points", points, {})
+    settings.source, settings.target = source, target
+    settings.via.add().object = cloud
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    obj = bpy.context.view_layer.objects.active
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert len(source.data.vertices) > 90
+    assert obj.pointmorph.state == "CURRENT"
+
+
+def test_subdividing_leaves_edges_alone_that_are_no_faces(settings):
+    """Wires along the diagonals of all faces, some of which are those of its triangles."""
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    edited = bmesh.new()
+    edited.from_mesh(source.data)
+    for face in list(edited.faces):
+        for a, b in ((0, 2), (1, 3)):
+            edited.edges.new((face.verts[a], face.verts[b]))
+    edited.to_mesh(source.data)
+    edited.free()
+    pick(source, target)
+    morph()
+    assert bpy.ops.pointmorph.subdivide_source(recompute=False) == {"FINISHED"}
+    mesh = source.data
+    assert len(mesh.vertices) > 90
+    assert {row for face in mesh.polygons for row in face.vertices} == set(
+        range(len(mesh.vertices))
+    )
+    assert {len(face.vertices) for face in mesh.polygons} <= {3, 4}
+
+
+def test_faces_that_can_not_be_cut_are_named(addon, settings):
+    source = primitive("cube")
+    edited = bmesh.new()
+    edited.from_mesh(source.data)
+    finer = SimpleNamespace(ends=np.array([[0, 7]]), triangles=np.array([[0, 7, 8]]))
+    with pytest.raises(pointmorph.CloudError, match="Cube: expected faces that can be cut"):
+        addon("scene.source_subdivision")._cut(edited, "Cube", finer, np.array([0]))
+    edited.free()
+
+
+def test_a_start_is_for_one_morph_and_its_shapes(addon):
+    denser = addon("data.denser_source")
+    places, targets = np.eye(3, dtype=np.float32), np.eye(3, dtype=np.float32) * 2
+    start = denser.Start(places, targets, ("there", "back"))
+
+    def found(source, target, **settings):
+        shapes = (SimpleNamespace(positions=one) for one in (source, target))
+        return start.start_for(
+            SimpleNamespace(source=next(shapes), target=next(shapes), settings=settings)
+        )
+
+    assert found(places, targets) == ("there", "back")
+    assert found(places, targets + 0.1) is None
+    assert found(places + 0.1, targets) is None
+    assert found(places, targets, method="paper") is None
+    with denser.starting(7, start):
+        assert denser.start_of(7) is start
+        assert denser.start_of(8) is None
+    assert denser.start_of(7) is None
 
 
 def test_subdividing_looks_at_every_shape_of_a_chain(settings):
