@@ -3,7 +3,8 @@
 import re
 from dataclasses import dataclass
 
-from pointmorph.morphs.verdicts import grade_of
+from pointmorph.morphs.quality import percent
+from pointmorph.morphs.verdicts import COVERED, FOLDED, MOSTLY_RIGHT, grade_of
 
 FIGURES = {
     "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 "
@@ -79,13 +80,13 @@ def _said_of_map(report):
     ways = report["quality"].values()
     flipped, covered = max(way["flipped"] for way in ways), min(way["coverage"] for way in ways)
     found = []
-    if flipped > 0.02:
-        found.append(f"Match: {_percent(flipped)} of the points are folded over")
-    if covered < 0.95:
-        found.append(f"Match: {_percent(1.0 - covered)} of the points are left out")
+    if flipped > FOLDED:
+        found.append(f"Match: {percent(flipped)} of the points are folded over")
+    if covered < COVERED:
+        found.append(f"Match: {percent(1.0 - covered)} of the points are left out")
     right = report.get("likely_right", 1.0)
-    if right < 0.8:
-        found.append(f"Match: only {_percent(right)} is likely right")
+    if right < MOSTLY_RIGHT:
+        found.append(f"Match: only {percent(right)} is likely right")
     doubtful = report.get("doubtful", [])
     if doubtful:
         found.append(f"Match: {_counted(len(doubtful))} more likely wrong than right")
@@ -108,10 +109,6 @@ def _said_of_mesh(mesh):
         else:
             reasons.append(f"{places} with faults")
     return [f"Faces{way}: {text.replace('the faces of', 'those of', 1)}" for text in reasons]
-
-
-def _percent(share):
-    return f"{100 * share:.2g} %" if share < 0.995 else "100 %"
 
 
 def place_name(advice):
