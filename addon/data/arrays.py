@@ -3,6 +3,8 @@
 Everything is float32 or int32, as Blender keeps it.
 """
 
+import hashlib
+
 import numpy as np
 
 from ..core.stepping import finish
@@ -52,6 +54,16 @@ def _write(collection, key, values, dtype=np.float32):
     collection.foreach_set(key, np.ascontiguousarray(values, dtype).reshape(-1))
 
 
+def digest(*parts):
+    """A short string that tells arrays and bytes from others."""
+    found = hashlib.blake2b(digest_size=8)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part).tobytes()
+        found.update(part)
+    return found.hexdigest()
+
+
 # --- Any geometry ---------------------------------------------------------------------------------
 
 
@@ -63,6 +75,11 @@ def points_of(geometry):
 def positions_of(geometry):
     """(N, 3): of the vertices or points."""
     return _read_kept(geometry, "position", "FLOAT_VECTOR", points_of(geometry), "co")
+
+
+def is_read(attribute):
+    """Whether `read_attribute` knows an attribute's type."""
+    return attribute.data_type in _VALUES
 
 
 def read_attribute(attribute):

@@ -111,14 +111,14 @@ class _Morphing(Recomputing):
         there = None if self.new_result else picked_result(context, fits)
         known = {} if there is None else dict(zip(shapes, recipes.shapes_of(there), strict=True))
         for shape in taken:
-            before = shape.hide_get(), shape.hide_render
+            before = as_shown.visibility_of(shape)
             if there is None:
                 copy = as_shown.copy_as_shown(context, shape)
-                self._copies.append((reference_to(copy), *before))
+                self._copies.append((reference_to(copy), before))
             else:
                 copy = known[shape]
                 mesh = as_shown.renew(context, copy)
-                self._renewed.append((reference_to(copy), reference_to(mesh), *before))
+                self._renewed.append((reference_to(copy), reference_to(mesh), before))
             staleness.pick_instead(settings, shape, copy)
             update(context, copy)
         return there
@@ -126,19 +126,19 @@ class _Morphing(Recomputing):
     def _take_copies_back(self, context):
         """After an error, or Esc, the shapes are what they were."""
         copies, self._copies = self._copies, ()
-        for reference, *before in copies:
+        for reference, before in copies:
             copy = find(bpy.data.objects, reference)
             if copy is not None:
                 for scene in bpy.data.scenes:
                     staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
-                as_shown.remove(context, copy, *before)
+                as_shown.remove(context, copy, before)
         renewed, self._renewed = self._renewed, ()
-        for reference, mesh, *before in renewed:
+        for reference, mesh, before in renewed:
             copy, old = find(bpy.data.objects, reference), find(bpy.data.meshes, mesh)
             if copy is not None and old is not None:
                 for scene in bpy.data.scenes:
                     staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
-                as_shown.put_back(context, copy, old, *before)
+                as_shown.put_back(context, copy, old, before)
 
     def _say_applied(self, obj, shapes):
         """What became of the source's modifiers and shape keys, and of what is no mesh."""

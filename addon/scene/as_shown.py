@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
+from ..core.features import PREFIX
 from ..data import arrays, creation
 from ..data.feature_list import feature_groups
 from . import morph_builder, morph_object, shape_reader
@@ -58,19 +59,34 @@ def keeps_vertices(kinds):
 
 
 def left_out(obj):
-    """Names of what can make an object look different from its own mesh, in words: modifiers, and
-    shape keys that show. Empty where the viewport shows the mesh itself."""
+    """Names of what can make an object look different from its own mesh, in words: modifiers, shape
+    keys that show, and a parent that bends it. Empty where the viewport shows the mesh itself."""
     if obj is None or obj.type != "MESH":
         return []
     names = [modifier.name for modifier in obj.modifiers if modifier.show_viewport]
-    return names + _keys_that_show(obj)
+    return names + _keys_that_show(obj) + _bending_parent(obj)
 
 
 def may_change(obj):
     """Whether any of these can make `changed_by` name something, for all that one can tell without
     looking."""
-    shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
-    return bool(_keys_that_show(obj)) or any(m.type not in _KEPT for m in shown)
+    return _what_shows(obj) != (False, False, False)
+
+
+def _what_shows(obj):
+    """Of a source: whether something in any case changes it so that its own mesh can't be morphed
+    and keep it; whether something does so if it moves vertices now; and whether Subdivision Surface
+    rounds it at the end, which may do so."""
+    shown = [m.type for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
+    rounds = bool(shown) and shown[-1] == "SUBSURF"
+    while shown and shown[-1] == "SUBSURF":
+        shown.pop()
+    surely = bool(_keys_that_show(obj)) or any(kind not in _AT_REST for kind in shown)
+    return surely, bool(shown or _bending_parent(obj)), rounds
+
+
+def _bending_parent(obj):
+    return [obj.parent.name] if obj.parent and obj.parent_type in {"ARMATURE", "LATTICE"} else []
 
 
 def _keys_that_show(obj):
@@ -90,18 +106,11 @@ def changed_by(context, obj):
     if not obj.evaluated_get(context.evaluated_depsgraph_get()).is_evaluated:
         return []  # who reads it says why
     shown = [m for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
-    names = [modifier.name for modifier in shown] + _keys_that_show(obj)
-    rounding = bool(shown) and shown[-1].type == "SUBSURF"
-    while shown and shown[-1].type == "SUBSURF":
-        shown.pop()
-    by_parent = obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}
-    if by_parent:
-        names.append(obj.parent.name)
-    if _keys_that_show(obj) or any(modifier.type not in _AT_REST for modifier in shown):
+    names = [modifier.name for modifier in shown] + _keys_that_show(obj) + _bending_parent(obj)
+    surely, if_it_moves, rounds = _what_shows(obj)
+    if surely or (if_it_moves and _moved(context, obj, True, np.max) > 1e-5):
         return names
-    if (shown or by_parent) and _moved(context, obj, True, np.max) > 1e-5:
-        return names
-    return names if rounding and _moved(context, obj, False, np.mean) > _ROUNDER else []
+    return names if rounds and _moved(context, obj, False, np.mean) > _ROUNDER else []
 
 
 def dropped_by(obj):
@@ -143,22 +152,15 @@ def is_taken_as_shown(view_layer, obj):
     """Whether a morph starts from a copy of a source, as far as panels can tell, which ask at every
     redraw: without making anything, and by the whole where a rig and Subdivision Surface both move
     the vertices. None where that isn't known yet."""
-    if not may_change(obj):
-        return False
-    shown = [m for m in obj.modifiers if m.show_viewport and m.type not in _KEPT]
-    others = [modifier for modifier in shown if modifier.type != "SUBSURF"]
-    ends_with_rounding = all(modifier.type == "SUBSURF" for modifier in shown[len(others) :])
-    if _keys_that_show(obj) or not ends_with_rounding:
-        return True
-    if any(modifier.type not in _AT_REST for modifier in others):
-        return True
+    surely, if_it_moves, rounds = _what_shows(obj)
+    if surely or not (if_it_moves or rounds):
+        return surely
     evaluated = _evaluated_in(view_layer, obj)
     if evaluated is None:
         return None
     own, places = arrays.basis_positions(obj.data), arrays.vertex_positions(evaluated.data)
     if not len(own) or len(places) < len(own):
         return True
-    rounds = len(others) < len(shown)
     how, much = (np.mean, _ROUNDER) if rounds else (np.max, 1e-5)
     away = np.linalg.norm(places[: len(own)] - own, axis=1)
     return bool(how(away) > much * np.linalg.norm(np.ptp(own, axis=0)))
@@ -178,9 +180,15 @@ def _evaluated_in(view_layer, obj):
     return evaluated
 
 
-def copy_as_shown(context, obj):
+def visibility_of(obj):
+    """What `copy_as_shown` changes of an object in this view layer: whether it is hidden, left out
+    of renders and selected."""
+    return obj.hide_get(), obj.hide_render, obj.select_get()
+
+
+def copy_as_shown(context, obj, hides=True):
     """A copy of an object without modifiers and shape keys that looks the same, with materials,
-    UV maps, weights and colors. The object itself is hidden.
+    UV maps, weights and colors. The object itself is hidden, if it `hides`.
 
     Raises
     ------
@@ -202,7 +210,9 @@ def copy_as_shown(context, obj):
             _keep_points(obj, copy)
         _link(context, obj, copy)
         _put_at(context, obj, copy)
-    _hide(context, obj)
+        note_form(copy)
+    if hides:
+        _hide(context, obj)
     return copy
 
 
@@ -219,6 +229,7 @@ def renew(context, copy):
                 for name in ("rigid_group", "fixed_group"):
                     setattr(copy.pointmorph, name, getattr(obj.pointmorph, name))
             _put_at(context, obj, copy)
+            note_form(copy)
         except BaseException:
             copy.data = before
             raise
@@ -226,12 +237,48 @@ def renew(context, copy):
     return before
 
 
-def put_back(context, copy, mesh, hidden, not_rendered):
+def put_back(context, copy, mesh, visibility):
     """Gives a copy the mesh that it had before `renew`, and shows its original as before."""
     now, copy.data = copy.data, mesh
     if not now.users:
         bpy.data.meshes.remove(now)
-    _show(context, copy.pointmorph.shown_from, hidden, not_rendered)
+    note_form(copy)
+    _show(context, copy.pointmorph.shown_from, visibility)
+
+
+def note_form(copy):
+    """Has a copy know what was made, which the user may change."""
+    copy.pointmorph.shown_form = f"{_places_of(copy)} {_rest_of(copy)}"
+
+
+def has_its_form(copy):
+    """Whether a copy's vertices are where they were made. True where an earlier version made it."""
+    return not copy.pointmorph.shown_form or (
+        copy.pointmorph.shown_form.split()[0] == _places_of(copy)
+    )
+
+
+def is_as_made(copy):
+    """Whether a copy is as it was made, in all that its mesh has but marks. False where an earlier
+    version made it: that didn't note it."""
+    return copy.pointmorph.shown_form == f"{_places_of(copy)} {_rest_of(copy)}"
+
+
+def _places_of(copy):
+    return arrays.digest(arrays.vertex_positions(copy.data))
+
+
+def _rest_of(copy):
+    mesh = copy.data
+    kept = [a for a in mesh.attributes if not a.name.startswith(".") and arrays.is_read(a)]
+    found = {a.name: arrays.read_attribute(a) for a in sorted(kept, key=lambda a: a.name)}
+    names = {g.index: g.name for g in copy.vertex_groups if not g.name.startswith(PREFIX)}
+    parts = [arrays.mesh_edges(mesh), arrays.mesh_corners(mesh)]
+    for name, values in found.items():
+        parts += [name.encode(), values]
+    for name, weights in arrays.vertex_groups(mesh, names).items():
+        parts += [name.encode(), *weights]
+    return arrays.digest(*parts)
 
 
 def _mesh_as_shown(context, obj, created):
@@ -294,11 +341,13 @@ def _hide(context, obj):
         obj.hide_render = True
 
 
-def _show(context, original, hidden, not_rendered):
+def _show(context, original, visibility):
     if original is None:  # deleted meanwhile
         return
+    hidden, not_rendered, selected = visibility
     with contextlib.suppress(RuntimeError):  # it isn't in this view layer any more
         original.hide_set(hidden, view_layer=context.view_layer)
+        original.select_set(selected, view_layer=context.view_layer)
     if original.is_editable:
         original.hide_render = not_rendered
 
@@ -388,8 +437,8 @@ def _forget_morph(copy):
         copy.pointmorph.property_unset(name)
 
 
-def remove(context, copy, hidden, not_rendered):
+def remove(context, copy, visibility):
     """Takes a copy away, and shows its original as before."""
     original = copy.pointmorph.shown_from
     morph_builder.remove(copy)
-    _show(context, original, hidden, not_rendered)
+    _show(context, original, visibility)

@@ -1,15 +1,20 @@
 """Copies of shapes as shown that no morph is made of any more: they are hidden, and nobody would
-find them. They are removed once a morph is deleted, but for those with marks of their own."""
+find them. They are removed once a morph is deleted, but for those that the user has changed, marked
+or used."""
 
 import bpy
 
 from ..core import background_job
 from ..data.feature_list import feature_names
+from ..data.references import reference_to
 from ..data.registration import Registration, stop_timer
-from . import morph_builder, morph_object, recipes, staleness
+from . import as_shown, morph_builder, morph_object, recipes, staleness
 
-_counts = {}
-"""By scene, how many objects it had."""
+_LATER = 0.5  # seconds
+
+_made = None
+"""References to the morph objects at the last look; None before the first in a file, and after undo
+and redo, which take copies away themselves."""
 
 
 def remove_left():
@@ -32,31 +37,97 @@ def _is_left(copy):
     original = copy.pointmorph.shown_from
     if original is None or copy.type != "MESH" or not _is_there(copy) or morph_object.is_made(copy):
         return False
-    if copy.children or copy.data.users > 1 or not copy.hide_render:
+    if not _is_hidden(copy) or not _is_there(original) or _is_used(copy):
         return False
     marked = set(feature_names(original)) if original.type == "MESH" else set()
-    return _is_there(original) and set(feature_names(copy)) <= marked
+    return set(feature_names(copy)) <= marked and _is_untouched(copy, original)
+
+
+def _is_hidden(copy):
+    """Whether it is shown nowhere, in no view layer and in no render."""
+    layers = [layer for scene in bpy.data.scenes for layer in scene.view_layers]
+    there = [layer for layer in layers if layer.objects.get(copy.name) == copy]
+    return copy.hide_render and all(copy.hide_get(view_layer=layer) for layer in there)
+
+
+def _is_used(copy):
+    """Whether something has it but collections, panels and morphs that were deleted."""
+    if copy.children or copy.data.users > 1 or copy.use_fake_user or copy.data.use_fake_user:
+        return True
+    for user in bpy.data.user_map(subset=[copy])[copy] - {copy}:
+        gone = isinstance(user, bpy.types.Object) and not user.users_collection
+        if not gone and not isinstance(user, bpy.types.Collection | bpy.types.Scene):
+            return True
+    return False
+
+
+def _is_untouched(copy, original):
+    if copy.data.shape_keys is not None or copy.modifiers or copy.data.animation_data is not None:
+        return False
+    # A copy has its original's motions.
+    return _motions(copy) <= _motions(original) and as_shown.is_as_made(copy)
+
+
+def _motions(obj):
+    data = obj.animation_data
+    if data is None:
+        return set()
+    drivers = {(driver.data_path, driver.array_index) for driver in data.drivers}
+    tracks = {("track", track.name) for track in data.nla_tracks}
+    return drivers | tracks | ({data.action} if data.action is not None else set())
 
 
 def _look():
     """Called by a timer, because what is deleted must not go while Blender looks at it."""
-    if background_job.current is None:  # whose copies have no morph yet
+    global _made
+    # While one is computed, its copies have no morph yet.
+    if background_job.current is not None or bpy.app.is_job_running("RENDER"):
+        return _LATER
+    before = _made
+    _made = {
+        reference_to(obj)
+        for obj in bpy.data.objects
+        if morph_object.is_made(obj) and _is_there(obj)
+    }
+    if before is not None and not before <= _made:
         remove_left()
+    return None
 
 
-def _note_deletions(scene, depsgraph):
-    count, before = len(scene.objects), _counts.get(scene.session_uid, 0)
-    _counts[scene.session_uid] = count
-    if count < before and not bpy.app.timers.is_registered(_look):
+def _note_changes(scene, depsgraph):
+    if depsgraph.mode == "RENDER" or not depsgraph.id_type_updated("SCENE") or _is_playing():
+        return
+    _look_soon()
+
+
+def _is_playing():
+    windows = bpy.context.window_manager.windows if bpy.context.window_manager else ()
+    return any(window.screen.is_animation_playing for window in windows)
+
+
+def _look_soon():
+    if not bpy.app.timers.is_registered(_look):
         bpy.app.timers.register(_look, first_interval=0.0)
 
 
+def _forget(*_):
+    global _made
+    _made = None
+    _look_soon()
+
+
 def _stop():
+    global _made
     stop_timer(_look)
-    _counts.clear()
+    _made = None
 
 
 registration = Registration(
     stop=_stop,
-    handlers=(("depsgraph_update_post", _note_deletions),),
+    handlers=(
+        ("depsgraph_update_post", _note_changes),
+        ("load_post", _forget),
+        ("undo_post", _forget),
+        ("redo_post", _forget),
+    ),
 )

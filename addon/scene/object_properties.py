@@ -87,6 +87,10 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Object of which this is a copy with modifiers, pose and shape keys applied",
         type=bpy.types.Object,
     )
+    shown_form: bpy.props.StringProperty(
+        name="Shown Form",
+        description="Digests of such a copy as it was made",
+    )
     is_preview: bpy.props.BoolProperty(
         name="Preview",
         description="A coarse morph, shown until the full one is ready",

@@ -12,7 +12,7 @@ from ..core.settings import settings_values
 from ..core.stepping import finish
 from ..data import arrays, surfaces
 from ..data.feature_list import feature_choices
-from . import as_shown, marked_points
+from . import as_shown, marked_points, morph_builder
 from .shape_reader import read_shape_steps, update
 
 _ADDING = {"ARRAY", "MIRROR", "MULTIRES", "SOLIDIFY", "SUBSURF"}
@@ -60,13 +60,12 @@ def _taken(context, obj, is_target):
     if obj.type not in arrays.MADE_TYPES and not (changed and as_shown.changed_by(context, obj)):
         yield obj, is_target
         return
-    before = obj.hide_get(), obj.hide_render
-    copy = as_shown.copy_as_shown(context, obj)
+    copy = as_shown.copy_as_shown(context, obj, hides=False)
     try:
         update(context, copy)
         yield copy, False
     finally:
-        as_shown.remove(context, copy, *before)
+        morph_builder.remove(copy)
         context.view_layer.update()
 
 

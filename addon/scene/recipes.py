@@ -4,12 +4,10 @@ The recipe is kept as JSON, because it must survive whatever happens to the obje
 about: the settings, what the features were, and of every shape a fingerprint of its own data.
 """
 
-import hashlib
 import json
 from dataclasses import asdict, astuple, fields
 
 import bpy
-import numpy as np
 import pointmorph
 
 from ..core import remembered, transforms
@@ -106,17 +104,10 @@ def _is_carried(obj):
     return False
 
 
-def _digest(*parts):
-    found = hashlib.blake2b(digest_size=8)
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            part = np.ascontiguousarray(part).tobytes()
-        found.update(part)
-    return found.hexdigest()
-
-
 def _digest_by_name(found):
-    return _digest(*(part for name in sorted(found) for part in (name.encode(), *found[name])))
+    return arrays.digest(
+        *(part for name in sorted(found) for part in (name.encode(), *found[name]))
+    )
 
 
 def fingerprint_steps(obj, origin, as_shown):
@@ -136,7 +127,7 @@ def fingerprint_steps(obj, origin, as_shown):
     if as_shown and not is_moving(obj):
         evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
         if evaluated.is_evaluated and type(evaluated.data) is type(data):
-            shown = _digest(arrays.positions_of(evaluated.data))
+            shown = arrays.digest(arrays.positions_of(evaluated.data))
     if obj.type == "MESH":
         positions = arrays.basis_positions(data)
         color = arrays.active_colors(data)
@@ -166,9 +157,9 @@ def fingerprint_steps(obj, origin, as_shown):
     return {
         "name": obj.name,
         "count": len(positions),
-        "data": _digest(*parts),
+        "data": arrays.digest(*parts),
         "shown": shown,
-        "look": None if look is None else _digest(*look),
+        "look": None if look is None else arrays.digest(*look),
         "marks": _digest_by_name(marks),
         "masks": _digest_by_name(kept),
         "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),

@@ -9,7 +9,7 @@ was morphed.
 import pointmorph
 
 from ..data import arrays, attribute_names, creation, nodes, versions
-from . import morph_object, path_display, recipes
+from . import as_shown, morph_object, path_display, recipes
 
 NAME = "Pointmorph Follow"
 MODIFIER = "Follow"
@@ -38,12 +38,13 @@ def follow(obj, context, created):
 
 def followed(obj, context):
     """The shapes that a morph object follows, in order; None for what is gone. One that was morphed
-    as shown is a copy, which stands still: its original, which has the same vertices."""
+    as shown is a copy, which stands still: its original, which has the same vertices, unless the
+    copy was edited."""
     depsgraph = context.evaluated_depsgraph_get()
     found = []
     for shape, count in zip(recipes.shapes_of(obj), _wanted(obj), strict=True):
         original = None if shape is None else recipes.original_of(shape)
-        if original != shape and original.type == "MESH":
+        if original != shape and original.type == "MESH" and as_shown.has_its_form(shape):
             evaluated = original.evaluated_get(depsgraph)
             if evaluated.is_evaluated and len(evaluated.data.vertices) == count:
                 shape = original

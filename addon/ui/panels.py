@@ -97,10 +97,12 @@ def _draw_left_out(layout, context, source):
     column = _draw_beside_name(layout).column(align=True)
     if source.pointmorph.keep_modifiers:
         column.label(text=f"{', '.join(names)} also on the target", icon="INFO")
-    elif as_shown.is_taken_as_shown(context.view_layer, source):
-        column.label(text=_with_vertices("As shown", context, source))
     elif as_shown.may_change(source):
-        column.label(text=f"Its own mesh: {len(source.data.vertices):,} vertices")
+        taken = as_shown.is_taken_as_shown(context.view_layer, source)
+        if taken:
+            column.label(text=_with_vertices("As shown", context, source))
+        elif taken is False:  # else it isn't known yet
+            column.label(text=f"Without modifiers: {len(source.data.vertices):,} vertices")
     column.prop(source.pointmorph, "keep_modifiers")
 
 

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from panel_drawing import Layout, drawing_context
 from scenes import (
     add_group,
     add_mesh,
@@ -255,6 +256,167 @@ def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
     bpy.ops.pointmorph.show_shapes()
     assert not mirrored.hide_get()
     assert morph().name == "Half to Dune"
+
+
+def add_key_to(copy):
+    copy.shape_key_add(name="Basis")
+
+
+def sculpt(copy):
+    copy.data.vertices[5].co.z += 0.1
+
+
+def paint(copy):
+    colors = copy.data.color_attributes.new("Paint", "FLOAT_COLOR", "POINT")
+    colors.data[0].color = (1, 0, 0, 1)
+
+
+def weigh(copy):
+    copy.vertex_groups["bone"].add([8], 0.7, "REPLACE")
+
+
+def modify(copy):
+    copy.modifiers.new("Smooth", "SMOOTH")
+
+
+def animate(copy):
+    copy.keyframe_insert("location", frame=3)
+
+
+def keep(copy):
+    copy.use_fake_user = True
+
+
+def point_at(copy):
+    other = bpy.data.objects.new("Other", None)
+    bpy.context.scene.collection.objects.link(other)
+    other.constraints.new("COPY_LOCATION").target = copy
+
+
+def show_in_viewport(copy):
+    copy.hide_set(False)
+
+
+def show_in_another_layer(copy):
+    layer = bpy.context.scene.view_layers.new("Other")
+    copy.hide_set(False, view_layer=layer)
+
+
+WORK = (
+    add_key_to,
+    sculpt,
+    paint,
+    weigh,
+    modify,
+    animate,
+    keep,
+    point_at,
+    show_in_viewport,
+    show_in_another_layer,
+)
+
+
+@pytest.mark.parametrize("work", WORK)
+def test_a_copy_that_the_user_worked_on_stays(addon, mirrored, settings, work):
+    assert bpy.ops.pointmorph.use_as_shown() == {"FINISHED"}
+    copy = settings.source
+    copy.hide_set(True)
+    copy.hide_render = True
+    name = copy.name
+    work(copy)
+    addon("scene.left_copies").remove_left()
+    assert name in bpy.data.objects
+
+
+def test_the_copy_of_what_moves_goes(addon, mirrored, settings):
+    mirrored.keyframe_insert("location", frame=1)
+    assert bpy.ops.pointmorph.use_as_shown() == {"FINISHED"}
+    copy = settings.source
+    copy.hide_set(True)
+    copy.hide_render = True
+    name = copy.name
+    addon("scene.left_copies").remove_left()
+    assert name not in bpy.data.objects
+
+
+def test_copies_are_looked_for_when_a_morph_is_gone(addon, mirrored, settings, monkeypatch):
+    left, jobs = addon("scene.left_copies"), addon("core.background_job")
+    calls = []
+    monkeypatch.setattr(left, "remove_left", lambda: calls.append(1))
+    shown = morph()
+    other = add_mesh("Other", *patch(3))
+    left._forget()
+    assert left._look() is None
+    bpy.data.objects.remove(other)
+    assert left._look() is None
+    assert not calls  # it is no morph
+    bpy.data.objects.remove(shown)
+    monkeypatch.setattr(jobs, "current", "a job")
+    assert left._look() > 0
+    monkeypatch.setattr(jobs, "current", None)
+    assert not calls
+    assert left._look() is None
+    assert calls == [1]
+    assert left._look() is None
+    assert calls == [1]
+    left._stop()
+
+
+def test_reading_leaves_the_source_selected(addon, mirrored):
+    select(mirrored)
+    addon("scene.panel_request").read_request(bpy.context)
+    assert mirrored.select_get()
+    assert bpy.context.view_layer.objects.active == mirrored
+    assert (mirrored.hide_get(), mirrored.hide_render) == (False, False)
+
+
+def test_reading_a_curve_in_edit_mode_leaves_it_there(addon, settings):
+    bpy.ops.curve.primitive_bezier_circle_add()
+    curve = bpy.context.object
+    curve.data.dimensions, curve.data.fill_mode = "2D", "BOTH"
+    target = add_mesh("Dune", *patch(9, bump=0.8))
+    pick(curve, target)
+    select(curve)
+    bpy.ops.object.mode_set(mode="EDIT")
+    request = addon("scene.panel_request").read_request(bpy.context)
+    assert len(request.source.triangles)
+    assert curve.mode == "EDIT"
+    assert not curve.hide_get()
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("kind", ["ARMATURE", "LATTICE"])
+def test_a_parent_that_bends_counts_as_a_modifier(addon, settings, kind):
+    source, _ = pair(14, 12)
+    if kind == "ARMATURE":
+        add_armature(source, (0, 0, 0.5))
+        parent = source.modifiers[0].object
+        source.modifiers.clear()
+    else:
+        lattice = bpy.data.lattices.new("Cage")
+        parent = bpy.data.objects.new("Cage", lattice)
+        bpy.context.scene.collection.objects.link(parent)
+        for point in lattice.points:
+            point.co_deform.z += 0.5
+    source.parent, source.parent_type = parent, kind
+    bpy.context.view_layer.update()
+    known = addon("scene.as_shown")
+    assert known.left_out(source) == known.changed_by(bpy.context, source) == [parent.name]
+    assert known.is_taken_as_shown(bpy.context.view_layer, source)
+
+
+def test_the_panel_says_nothing_of_vertices_that_are_not_known(addon, settings, monkeypatch):
+    panels, said = addon("ui.panels"), []
+    source, _ = pair(14, 12)
+    put_on(source, "rest")
+    layout = Layout()
+    layout.label = lambda text="", **_: said.append(text)
+    panels._draw_left_out(layout, drawing_context(), source)
+    assert said[-1] == "Without modifiers: 196 vertices"
+    monkeypatch.setattr(addon("scene.as_shown"), "_evaluated_in", lambda *_: None)
+    said.clear()
+    panels._draw_left_out(layout, drawing_context(), source)
+    assert said == [""]
 
 
 @pytest.mark.parametrize("what", ["plain", "mirror"])

@@ -136,7 +136,13 @@ def test_a_source_that_was_posed_is_followed_itself(settings, motion):
     assert_it_follows(obj, source, target)
     bpy.context.scene.frame_set(7)
     np.testing.assert_allclose(in_world(source), in_world(copy), atol=1e-5)
-    # A copy that was edited is another shape.
+    # A copy that was edited is another shape, also where it has as many vertices.
+    bpy.ops.pointmorph.follow()
+    copy.data.vertices[0].co.z += 0.5
+    copy.data.update()
+    recompute(obj)
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    assert_it_follows(obj, copy, target)
     bpy.ops.pointmorph.follow()
     copy.data.vertices.add(1)
     copy.data.update()

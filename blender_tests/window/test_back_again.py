@@ -11,6 +11,8 @@ def seen():
     picked = [o and o.name for o in (settings.source, settings.target)]
     meshes = sorted(mesh.name for mesh in bpy.data.meshes if mesh.users)
     return [shown, picked, meshes, active and active.name, area.spaces[0].shading.type]
+def selected():
+    return sorted(obj.name for obj in bpy.context.view_layer.objects if obj.select_get())
 """
 
 
@@ -22,6 +24,7 @@ def add_mirrored_pair(window, side):
 bpy.context.scene.pointmorph.show_as = "MESH"
 twice = bpy.data.objects["Hill"].modifiers.new("Twice", "MIRROR")
 twice.use_axis = (False, False, True)
+bpy.data.objects["Hill"].select_set(True)
 bpy.ops.ed.undo_push(message="A modifier")
 {SEEN}
 """
@@ -35,25 +38,27 @@ def press(window, operator):
 @pytest.mark.computes
 def test_escape_in_the_middle_takes_copies_back(window):
     add_mirrored_pair(window, 90)
-    before = window.ask("seen()")
+    before = window.ask("seen()"), window.ask("selected()")
+    assert "Hill" in before[1]
     press(window, "morph")
     window.wait("session().current is not None and session().current.begun")
     assert window.ask(COPY)
     assert window.ask("bpy.data.objects['Hill'].hide_get()")
     window.press("Escape", over=VIEWPORT)
     window.wait(f"not ({RUNNING})")
-    assert window.ask("seen()") == before
+    assert (window.ask("seen()"), window.ask("selected()")) == before
 
 
 def test_undo_after_a_morph_of_a_copy(window):
     add_mirrored_pair(window, 14)
-    before = window.ask("seen()")
+    before, selected = window.ask("seen()"), window.ask("selected()")
     window.press_button(MORPH)
     window.wait(DONE)
     after = window.ask("seen()")
     assert window.ask(COPY)
     window.press("ctrl+z", over=VIEWPORT)
     assert window.ask("seen()") == before
+    assert window.ask("selected()") == selected
     window.press("ctrl+shift+z", over=VIEWPORT)
     assert window.ask("seen()") == after
     window.press("ctrl+z", over=VIEWPORT)
