@@ -89,13 +89,13 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
                                     whole.source_images, ends.source};
     const ComponentView target_view{target.topology, target.positions, target.normals,
                                     whole.target_images, ends.target};
-    const ComponentMatching matching =
-        match_components(source_view, target_view, joining_marks(input.features), whole.alignment,
-                         options.components, progress);
+    const std::vector<IndexPair> joined = joining_marks(input.features);
+    const ComponentMatching matching = match_components(
+        source_view, target_view, joined, whole.alignment, options.components, progress);
     if (matching.matched.empty()) return as_one();
     const DividedComponents divided =
-        divide_components(source_view, target_view, matching, joining_marks(input.features),
-                          whole.alignment, progress);
+        divide_components(source_view, target_view, matching,
+                          {joined, whole.alignment, options.components}, progress);
     const ComponentView source_parts{divided.source, source.positions, source.normals,
                                      whole.source_images, ends.source};
     const ComponentView target_parts{divided.target, target.positions, target.normals,

@@ -230,12 +230,34 @@ Positions landed(const Positions& images, const OrientedPoints& there, Progress&
     return project_onto_surface(images, nearest_rows(tree, images), tree, there.normals, progress);
 }
 
+/// What a group goes as where it goes as a whole.
+struct GroupWholes {
+    GroupKind kind;
+    Whole source, target;
+};
+
+GroupWholes wholes_of_group(const GroupRows& rows, const ComponentView& source,
+                            const ComponentView& target, const ComponentGroups& groups,
+                            std::size_t group) {
+    const GroupKind kind = groups.kind(group);
+    // What has joined a share goes with it, but has no say.
+    const auto whole = [&](const ComponentView& view, std::vector<Index> all,
+                           Index IndexPair::*side) {
+        if (kind != GroupKind::kPlain)
+            std::erase_if(all, [&](Index row) {
+                return view.topology.labels[to_size(row)] != groups.matched[group].*side;
+            });
+        return whole_of(view.positions, all);
+    };
+    return {kind, whole(source, rows.source, &IndexPair::source),
+            whole(target, rows.target, &IndexPair::target)};
+}
+
 /// A group that goes as a whole. A share is cut at a slant: what it is for stays straight.
-GroupMap whole_group(const GroupClouds& clouds, GroupKind kind, const Frame& frame,
+GroupMap whole_group(const GroupClouds& clouds, const GroupWholes& wholes, const Frame& frame,
                      const GroupMap& by_whole, const Matrix3& source_turn, Progress& progress) {
-    Whole source = whole_cloud(clouds.source.positions),
-          target = whole_cloud(clouds.target.positions);
-    if (kind != GroupKind::kPlain) {
+    Whole source = wholes.source, target = wholes.target;
+    if (const GroupKind kind = wholes.kind; kind != GroupKind::kPlain) {
         const Vector3 axis = kind == GroupKind::kShareOfTarget
                                  ? axis_of(source)
                                  : Vector3(source_turn.transpose() * axis_of(target));
@@ -409,8 +431,9 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
                       static_cast<double>(group.target.size()) / target.positions.rows());
     };
     const auto keeps = [&](std::size_t g) {
-        return marks.groups.joined[g] || of_groups.held[g] || rows[g].source.empty() ||
-               rows[g].target.empty() ||
+        const bool is_plain = marks.groups.kind(g) == GroupKind::kPlain;
+        return (is_plain && marks.groups.joined[g]) || of_groups.held[g] ||
+               rows[g].source.empty() || rows[g].target.empty() ||
                (g == 0 && share(rows[0]) >= 1.0 - options.components.small_share);
     };
     std::vector<std::optional<GroupMap>> maps(rows.size());
@@ -421,10 +444,10 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
             gather(whole.source_product, rows[g].source),
             gather(whole.target_product, rows[g].target)};
         const auto fewest = std::min(rows[g].source.size(), rows[g].target.size());
-        const GroupKind kind =
-            marks.groups.kinds.empty() ? GroupKind::kPlain : marks.groups.kinds[g];
-        if (kind != GroupKind::kPlain || to_index(fewest) < options.components.fewest_points)
-            maps[g] = whole_group(clouds, kind, frame, by_whole, source_turn, its);
+        if (marks.groups.kind(g) != GroupKind::kPlain ||
+            to_index(fewest) < options.components.fewest_points)
+            maps[g] = whole_group(clouds, wholes_of_group(rows[g], source, target, marks.groups, g),
+                                  frame, by_whole, source_turn, its);
         else
             maps[g] = refined_group(
                 clouds, of_groups.features[g], group_start(clouds, by_whole.images, source_turn),

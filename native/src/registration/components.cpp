@@ -16,19 +16,12 @@
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/extremities.hpp"
+#include "registration/component_lists.hpp"
 #include "registration/whole.hpp"
 
 namespace pointmorph {
 
 namespace {
-
-/// Rows of every component, strays included.
-std::vector<std::vector<Index>> rows_of(const Topology& topology) {
-    std::vector<std::vector<Index>> rows(topology.components.size());
-    for (std::size_t i = 0; i < topology.labels.size(); ++i)
-        rows[to_size(topology.labels[i])].push_back(to_index(i));
-    return rows;
-}
 
 /// A component as a whole, and the middle of where its points go.
 struct MappedWhole {
@@ -36,14 +29,12 @@ struct MappedWhole {
     Eigen::RowVector3d image;
 };
 
-std::vector<MappedWhole> wholes_of(const ComponentView& view) {
-    std::vector<std::vector<Index>> rows = rows_of(view.topology);
-    rows.resize(view.topology.main().size());
-    std::vector<MappedWhole> wholes;
-    for (const auto& of_one : rows)
-        wholes.push_back(
-            {whole_of(view.positions, of_one), gather(view.images, of_one).colwise().mean()});
-    return wholes;
+std::vector<MappedWhole> mapped_wholes(const ComponentView& view) {
+    const std::vector<std::vector<Index>> rows = rows_of(view.topology);
+    std::vector<MappedWhole> mapped;
+    for (const Whole& whole : wholes_of(view.positions, view.topology, rows))
+        mapped.push_back({whole, gather(view.images, rows[mapped.size()]).colwise().mean()});
+    return mapped;
 }
 
 /// How far the proportions of two wholes are apart: root mean square of the logarithms of the
@@ -308,7 +299,7 @@ struct Differences {
 Differences differences_of(const ComponentView& source, const ComponentView& target,
                            const Similarity& alignment, const ComponentOptions& options,
                            Progress& progress) {
-    const auto s = wholes_of(source), t = wholes_of(target);
+    const auto s = mapped_wholes(source), t = mapped_wholes(target);
     const auto rows = static_cast<Eigen::Index>(s.size()),
                columns = static_cast<Eigen::Index>(t.size());
     constexpr double kMostly = 0.5;  // where the map says it that clearly, nothing else counts
@@ -416,11 +407,7 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     matching.source_alone = alone(differences.costs.rows(), &IndexPair::source);
     matching.target_alone = alone(differences.costs.cols(), &IndexPair::target);
     matching.on_others = on_others(differences, matching, joined);
-    // Components are numbered by size, but not alike on both sides.
-    std::ranges::stable_sort(matching.matched, std::greater<>(), [&](const IndexPair& pair) {
-        return source.topology.components[to_size(pair.source)].points +
-               target.topology.components[to_size(pair.target)].points;
-    });
+    sort_by_points(matching.matched, source.topology, target.topology);
     return matching;
 }
 
@@ -438,6 +425,7 @@ ComponentGroups group_components(const ComponentView& source, const ComponentVie
     ComponentGroups groups;
     groups.count = to_index(matching.matched.size());
     if (groups.count == 0) return groups;
+    groups.matched = matching.matched;
     groups.joined.assign(to_size(groups.count), 0);
     groups.source = grouped({source, target, &IndexPair::source, &IndexPair::target}, matching,
                             options, groups.source_vanishing, groups.joined, progress);
@@ -449,14 +437,14 @@ ComponentGroups group_components(const ComponentView& source, const ComponentVie
 namespace {
 
 /// Of pieces that can't go onto their counterparts without tears or folds; empty if all can.
-std::string differences_in_words(const ComponentMatching& matching, const NamedTopology& source,
+std::string differences_in_words(std::span<const IndexPair> matched, const NamedTopology& source,
                                  const NamedTopology& target) {
     const auto component = [](const NamedTopology& shape, Index number) -> const Component& {
         return shape.topology.components[to_size(number)];
     };
     Index count = 0;
     std::string first;
-    for (const IndexPair& pair : matching.matched) {
+    for (const IndexPair& pair : matched) {
         const Component &s = component(source, pair.source), &t = component(target, pair.target);
         if (!differ(s, t) || count++ > 0) continue;
         first = "in " + source.name + " " + in_words(s) + ", in " + target.name + " " + in_words(t);
@@ -474,13 +462,16 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
                                              const NamedTopology& source,
                                              const NamedTopology& target) {
     std::vector<std::string> words;
-    if (matching.matched.size() > 1) {
-        words.push_back(std::to_string(matching.matched.size()) + " pieces of " + source.name +
-                        " and " + target.name +
+    std::vector<IndexPair> plain;
+    for (std::size_t g = 0; g < matching.matched.size(); ++g)
+        if (groups.kind(g) == GroupKind::kPlain) plain.push_back(matching.matched[g]);
+    if (plain.size() > 1) {
+        words.push_back(std::to_string(plain.size()) + " pieces of " + source.name + " and " +
+                        target.name +
                         " were matched by position, size and shape. If one goes to the wrong "
                         "piece, mark a feature on both.");
     }
-    const std::string difference = differences_in_words(matching, source, target);
+    const std::string difference = differences_in_words(plain, source, target);
     if (!difference.empty()) words.push_back(difference);
     const auto alone = [&](std::span<const Index> components, const NamedTopology& shape,
                            const char* one, const char* more) {

@@ -19,13 +19,19 @@ struct DividedComponents {
     std::vector<Index> among_target, among_source;
 };
 
+/// What a matching was made by: see match_components().
+struct MatchedBy {
+    std::span<const IndexPair> marks;
+    const Similarity& alignment;
+    const ComponentOptions& options;
+};
+
 /// Divides each component that has no counterpart, or a worse one, where several of the other shape
 /// lie together in its place and are as large and as long as it is. A point belongs to the one that
-/// is nearest when they are laid over the component as a whole. What `marks` join stays as it is.
-/// Throws Cancelled.
+/// is nearest when they are laid over the component as a whole. What loses its counterpart by that
+/// is matched once more with what has none. What marks join stays as it is. Throws Cancelled.
 DividedComponents divide_components(const ComponentView& source, const ComponentView& target,
-                                    const ComponentMatching& matching,
-                                    std::span<const IndexPair> marks, const Similarity& alignment,
+                                    const ComponentMatching& matching, const MatchedBy& by,
                                     Progress& progress);
 
 /// What was divided, for the user; empty where nothing was.

@@ -34,31 +34,34 @@ Whole whole_of(const Positions& positions, std::span<const Index> rows) {
     return whole;
 }
 
-Whole whole_of(std::span<const Whole> wholes, std::span<const Index> points) {
-    Whole all;
-    double count = 0.0;
-    for (std::size_t k = 0; k < wholes.size(); ++k) {
-        all.middle += static_cast<double>(points[k]) * wholes[k].middle;
-        count += static_cast<double>(points[k]);
-    }
-    all.middle /= count;
-    for (std::size_t k = 0; k < wholes.size(); ++k) {
-        const Vector3 arm = (wholes[k].middle - all.middle).transpose();
-        all.covariance +=
-            static_cast<double>(points[k]) / count * (wholes[k].covariance + arm * arm.transpose());
-    }
-    all.size = std::sqrt(all.covariance.trace());
-    return all;
-}
+DistanceFrom::DistanceFrom(const Whole& one) : one_(one), root_(power(one.covariance, 0.5)) {}
 
-double distance_between(const Whole& a, const Whole& b) {
-    const Matrix3 root = power(a.covariance, 0.5);
-    const Eigen::SelfAdjointEigenSolver<Matrix3> common(root * b.covariance * root,
+double DistanceFrom::operator()(const Whole& other, double place) const {
+    const Eigen::SelfAdjointEigenSolver<Matrix3> common(root_ * other.covariance * root_,
                                                         Eigen::EigenvaluesOnly);
     const double shared = common.eigenvalues().cwiseMax(0.0).cwiseSqrt().sum();
-    const double squared = (a.middle - b.middle).squaredNorm() + a.covariance.trace() +
-                           b.covariance.trace() - 2.0 * shared;
+    const double squared = place * place * (one_.middle - other.middle).squaredNorm() +
+                           one_.covariance.trace() + other.covariance.trace() - 2.0 * shared;
     return std::sqrt(std::max(0.0, squared));
+}
+
+double DistanceFrom::at_least(const Whole& other, double place) const {
+    const double larger = one_.size - other.size;
+    return std::sqrt(place * place * (one_.middle - other.middle).squaredNorm() + larger * larger);
+}
+
+void JoinedWhole::change(const Whole& whole, double points) {
+    const Vector3 arm = (whole.middle - origin_).transpose();
+    points_ += points;
+    sum_ += points * arm;
+    squares_ += points * (whole.covariance + arm * arm.transpose());
+}
+
+Whole JoinedWhole::all() const {
+    const Vector3 arm = sum_ / points_;
+    Whole all{origin_ + arm.transpose(), squares_ / points_ - arm * arm.transpose()};
+    all.size = std::sqrt(std::max(0.0, all.covariance.trace()));
+    return all;
 }
 
 Matrix3 stretch_between(const Whole& from, const Whole& to, const Matrix3& turn) {

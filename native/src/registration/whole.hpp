@@ -16,12 +16,41 @@ struct Whole {
 /// Of one or more rows.
 Whole whole_of(const Positions& positions, std::span<const Index> rows);
 
-/// The points of several as one; `points` says how many each has.
-Whole whole_of(std::span<const Whole> wholes, std::span<const Index> points);
+/// How far others are from one in place, size and extents at once: between normal distributions
+/// (Dowson and Landau 1982).
+class DistanceFrom {
+public:
+    explicit DistanceFrom(const Whole& one);
 
-/// How far two are apart in place, size and extents at once: between normal distributions (Dowson
-/// and Landau 1982).
-double distance_between(const Whole& a, const Whole& b);
+    /// `place` says how much of the distance between the middles counts.
+    double operator()(const Whole& other, double place = 1.0) const;
+
+    /// No larger than that, and told at once.
+    double at_least(const Whole& other, double place = 1.0) const;
+
+private:
+    Whole one_;
+    Matrix3 root_;
+};
+
+/// Several as one, as some of them come and go.
+class JoinedWhole {
+public:
+    /// Numbers stay small where all are near `origin`.
+    explicit JoinedWhole(const Eigen::RowVector3d& origin) : origin_(origin) {}
+
+    void add(const Whole& whole, Index points) { change(whole, static_cast<double>(points)); }
+    void take_out(const Whole& whole, Index points) { change(whole, -static_cast<double>(points)); }
+    Whole all() const;
+
+private:
+    void change(const Whole& whole, double points);
+
+    Eigen::RowVector3d origin_;
+    double points_ = 0.0;
+    Vector3 sum_ = Vector3::Zero();
+    Matrix3 squares_ = Matrix3::Zero();
+};
 
 /// A turn, then the stretch that takes `from`, turned, to the covariance of `to` by the shortest
 /// ways: the optimal transport of one normal distribution to the other (Dowson and Landau 1982).

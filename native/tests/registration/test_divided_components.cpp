@@ -11,6 +11,8 @@
 #include <vector>
 
 #include "joined_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -94,7 +96,7 @@ DividedComponents divided(const Scene& source, const Scene& target,
     Progress progress;
     const ComponentMatching matching =
         match_components(source.view(), target.view(), marks, {}, {}, progress);
-    return divide_components(source.view(), target.view(), matching, marks, {}, progress);
+    return divide_components(source.view(), target.view(), matching, {marks, {}, {}}, progress);
 }
 
 /// Of each row of the panel, which is what its label has for a partner: the rod before it.
@@ -180,6 +182,149 @@ TEST(DividedComponents, WhatIsMarkedStaysWhole) {
     };
     const std::vector<IndexPair> marks{{first_of(panel, 5), first_of(rods, 7)}};
     EXPECT_TRUE(divided(panel, rods, marks).among_target.empty());
+}
+
+TEST(DividedComponents, WhatSpoilsTheLikenessIsLeftOut) {
+    std::vector<Positions> clouds = rods_chair();
+    clouds.push_back(box({0.4, 0.45, 1.0}, {0.2, 0.1, 0.2}, 0.02));
+    const DividedComponents found = divided(Scene(panel_chair()), Scene(clouds));
+    EXPECT_EQ(found.among_target, std::vector<Index>{5});
+    EXPECT_EQ(found.matching.target_alone, std::vector<Index>{10});
+}
+
+TEST(DividedComponents, SmallSharesAreNone) {
+    std::vector<Positions> clouds = rods_chair();
+    for (const int rod : {1, 3})  // inside
+        clouds.push_back(box({rod_place(rod), 0.45, 0.6}, {0.01, 0.01, 0.01}, kSpacing));
+    const DividedComponents found = divided(Scene(panel_chair()), Scene(clouds));
+    EXPECT_EQ(found.among_target, std::vector<Index>{5});
+    EXPECT_EQ(found.matching.target_alone, (std::vector<Index>{10, 11}));
+}
+
+TEST(DividedComponents, WhatLosesItsCounterpartIsMatchedOnceMore) {
+    const Positions knob = box({1.5, 0, 0}, {0.3, 0.3, 0.3}, kSpacing);
+    std::vector<Positions> panel = panel_chair(), rods = rods_chair();
+    panel.push_back(knob);
+    rods.push_back(knob);
+    const Scene source(panel), target(rods);
+    ComponentMatching matching;  // the panel with the knob
+    for (Index leg = 0; leg < 5; ++leg) matching.matched.push_back({leg, leg});
+    matching.matched.push_back({5, 10});
+    matching.source_alone = {6};
+    matching.target_alone = {5, 6, 7, 8, 9};
+    Progress progress;
+    const DividedComponents found =
+        divide_components(source.view(), target.view(), matching, {{}, {}, {}}, progress);
+    EXPECT_EQ(found.among_target, std::vector<Index>{5});
+    EXPECT_EQ(std::ranges::count(found.matching.matched, IndexPair{6, 10}), 1);
+    EXPECT_TRUE(found.matching.source_alone.empty() && found.matching.target_alone.empty());
+}
+
+TEST(DividedComponents, OfATargetThatLiesElsewhere) {
+    const Scene panel(panel_chair());
+    Scene rods(rods_chair());
+    Similarity alignment;
+    alignment.scale = 2.0;
+    alignment.rotation << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+    alignment.translation = {3, 4, 5};
+    const Positions images = alignment.inverse().apply(panel.positions), back = rods.positions;
+    rods.positions = alignment.inverse().apply(rods.positions);
+    const ComponentView source{panel.topology, panel.positions, panel.positions, images},
+        target{rods.topology, rods.positions, rods.positions, back};
+    Progress progress;
+    const ComponentMatching matching =
+        match_components(source, target, {}, alignment, {}, progress);
+    const DividedComponents found =
+        divide_components(source, target, matching, {{}, alignment, {}}, progress);
+    EXPECT_EQ(found.among_target, std::vector<Index>{5});
+    EXPECT_EQ(found.source.labels, divided(panel, Scene(rods_chair())).source.labels);
+}
+
+TEST(DividedComponents, AreTheSameForAnyNumberOfThreads) {
+    const Scene panel(panel_chair()), rods(rods_chair());
+    const auto with = [&](int threads) {
+        const ThreadCount limit(threads);
+        return divided(panel, rods);
+    };
+    const DividedComponents one = with(1), three = with(3);
+    EXPECT_EQ(one.source.labels, three.source.labels);
+    EXPECT_EQ(one.matching.matched, three.matching.matched);
+}
+
+TEST(DividedComponents, CanBeCancelled) {
+    const Scene panel(panel_chair()), rods(rods_chair());
+    Progress progress, ending([](std::string_view, double) { return false; });
+    const ComponentMatching matching =
+        match_components(panel.view(), rods.view(), {}, {}, {}, progress);
+    EXPECT_THROW(divide_components(panel.view(), rods.view(), matching, {{}, {}, {}}, ending),
+                 Cancelled);
+}
+
+/// A crown of one piece is not divided among thousands of leaves, and it takes no time to say so.
+TEST(DividedComponents, ACrownIsNotDividedAmongLeaves) {
+    constexpr Index kLeaves = 2000;
+    const Positions crown = shapes::sphere(10000), places = shapes::sphere(kLeaves);
+    std::vector<Positions> leaves;
+    for (Index leaf = 0; leaf < kLeaves; ++leaf)
+        leaves.push_back((shapes::sphere(8) * 0.02).rowwise() + places.row(leaf));
+    const DividedComponents found = divided(Scene({crown}), Scene(leaves));
+    EXPECT_TRUE(found.among_target.empty() && found.among_source.empty());
+}
+
+TEST(DividedComponents, AreToldOfOnlyAsDivided) {
+    Scene panel(panel_chair());
+    panel.topology.components[5].is_open = true;
+    const Scene rods(rods_chair());
+    const DividedComponents found = divided(panel, rods);
+    Progress progress;
+    ComponentGroups groups =
+        group_components({found.source, panel.positions, panel.positions, panel.positions},
+                         {found.target, rods.positions, rods.positions, rods.positions},
+                         found.matching, {}, progress);
+    groups.kinds = found.kinds;
+    const std::string one = "one", two = "two";
+    const std::vector<std::string> words =
+        components_in_words(found.matching, groups, {found.source, one}, {found.target, two});
+    ASSERT_EQ(words.size(), 1u);
+    EXPECT_EQ(words[0].find("5 pieces of one and two were matched"), 0u) << words[0];
+}
+
+/// Clouds that lie in the same place: every point goes where it is.
+Refinement staying(const Positions& source, const Positions& target) {
+    Refinement map;
+    map.source_images = source;
+    map.target_images = target;
+    map.source_product.resize(source.rows(), 12);
+    map.source_product << source, source, source, source;
+    map.target_product.resize(target.rows(), 12);
+    map.target_product << target, target, target, target;
+    return map;
+}
+
+/// A loose screw above the panel, in the place of the middle rod's group.
+TEST(DividedComponents, GoAsWholesWhereOthersHaveJoinedThem) {
+    std::vector<Positions> clouds = panel_chair();
+    clouds.push_back(box({0, 0.45, 1.4}, {0.1, 0.1, 0.1}, kSpacing));
+    const Scene rods(rods_chair()), panel(clouds);
+    const DividedComponents found = divided(rods, panel);
+    ASSERT_EQ(found.among_source, std::vector<Index>{5});
+    const ComponentView source{found.source, rods.positions, rods.positions, rods.positions},
+        target{found.target, panel.positions, panel.positions, panel.positions};
+    Progress progress;
+    ComponentGroups groups = group_components(source, target, found.matching, {}, progress);
+    groups.kinds = found.kinds;
+    const Index middle = groups.source.groups[to_size(std::ranges::find(rods.topology.labels, 7) -
+                                                      rods.topology.labels.begin())];
+    ASSERT_TRUE(groups.joined[to_size(middle)]);
+    ComponentOptions options;
+    options.fewest_points = 10000;
+    const Refinement map = mapped_by_group(staying(rods.positions, panel.positions), source, target,
+                                           {groups, {}}, {options, {}}, progress);
+    double widest = 0.0;
+    for (std::size_t i = 0; i < rods.topology.labels.size(); ++i)
+        if (rods.topology.labels[i] == 7)
+            widest = std::max(widest, map.source_images(static_cast<Eigen::Index>(i), 0));
+    EXPECT_GT(widest, 0.07);  // half of the rod is 0.035, half of its share 0.11
 }
 
 /// Outward, of a box().

@@ -81,9 +81,14 @@ struct ComponentGroups {
     GroupedPoints source, target;
     Index count = 0;
     std::vector<char> joined;  ///< of each group: whether there are more than the two matched ones
-    std::vector<GroupKind> kinds;  ///< of each group; empty where all are plain
+    std::vector<GroupKind> kinds;    ///< of each group; empty where all are plain
+    std::vector<IndexPair> matched;  ///< the components that each group is of
     /// Components that go with others, out of those that are alone.
     std::vector<Index> source_vanishing, target_appearing;
+
+    GroupKind kind(std::size_t group) const {
+        return kinds.empty() ? GroupKind::kPlain : kinds[group];
+    }
 };
 
 /// Everything in the group of its match. A component without one has room, and is in the group of
@@ -125,7 +130,8 @@ struct NamedTopology {
     const std::string& name;
 };
 
-/// What was done about the components, for the user; empty where there is one of each.
+/// What was done about the components, for the user, but for shares of them; empty where there is
+/// one of each.
 std::vector<std::string> components_in_words(const ComponentMatching& matching,
                                              const ComponentGroups& groups,
                                              const NamedTopology& source,
