@@ -186,11 +186,11 @@ py::dict dict_of(const MapFigures& figures) {
 py::dict dict_of(const Quality& quality, bool by_point) {
     py::list worst;
     for (const Place& place : quality.worst)
-        worst.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
-                              py::arg("flaw") = name_of(place.flaw),
-                              py::arg("distortion") = place.distortion,
-                              py::arg("share") = place.share, py::arg("where") = place.where,
-                              py::arg("advice") = place.advice));
+        worst.append(py::dict(
+            py::arg("source") = place.source, py::arg("target") = place.target,
+            py::arg("flaw") = name_of(place.flaw), py::arg("distortion") = place.distortion,
+            py::arg("share") = place.share, py::arg("side") = place.on_source ? "source" : "target",
+            py::arg("where") = place.where, py::arg("advice") = place.advice));
     py::list features;
     for (const FeatureResidual& kept : quality.features)
         features.append(py::dict(py::arg("name") = kept.name, py::arg("kind") = name_of(kept.kind),
@@ -215,6 +215,7 @@ py::dict dict_of(const LocalConfidence& confidence) {
                                  py::arg("confidence") = place.confidence,
                                  py::arg("share") = place.share,
                                  py::arg("unreached") = place.unreached,
+                                 py::arg("side") = place.on_source ? "source" : "target",
                                  py::arg("where") = place.where, py::arg("advice") = place.advice));
     return py::dict(py::arg("source") = to_numpy(Values(confidence.source)),
                     py::arg("target") = to_numpy(Values(confidence.target)),
@@ -546,6 +547,13 @@ void bind_morph(py::module_& module) {
                "of each point.",
                py::arg("source"), py::arg("target"), py::arg("features"), py::arg("loops"),
                py::arg("options"), py::arg("progress"));
+    module.def(
+        "mesh_grade",
+        [](double folded, double creased, double uncovered, double off) {
+            return name_of(grade_of(MeshFigures{folded, creased, uncovered, off}));
+        },
+        "How good a wrapped mesh with these figures is.", py::arg("folded"), py::arg("creased"),
+        py::arg("uncovered"), py::arg("off"));
     MorphClass morph(module, "Morph");
     morph.def(py::init(&make_morph))
         .def_static("restore", &restore_morph)

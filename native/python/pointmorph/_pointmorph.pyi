@@ -40,6 +40,7 @@ def propose_loop(
     options: MorphOptions,
     progress: Any,
 ) -> list[str]: ...
+def mesh_grade(folded: float, creased: float, uncovered: float, off: float) -> str: ...
 def decompose(
     cloud: dict[str, Any],
     loop: list[int],

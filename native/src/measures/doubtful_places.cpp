@@ -115,6 +115,7 @@ std::vector<NamedPlace> named_places(const JudgedSurface& source, const JudgedSu
                             spot.confidence,
                             spot.share,
                             spot.unreached,
+                            spot.on_source,
                             {},
                             {}};
         const bool is_apart = std::ranges::none_of(places, [&](const NamedPlace& other) {

@@ -20,8 +20,12 @@ std::string quoted(const std::string& name) {
 std::string percent(double share) {
     const double percents = 100.0 * share;
     if (percents > 0.0 && percents < 0.01) return "under 0.01 %";
+    if (percents > 99.99 && percents < 100.0 - 1e-7) return "over 99.99 %";
+    const bool is_nearly_all = percents >= 99.5 && percents < 100.0 - 1e-7;
+    const char* nearly_all = percents < 99.95 ? "%.1f %%" : "%.2f %%";
+    const char* others = percents < 9.95 ? "%.2g %%" : "%.0f %%";
     std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), percents < 9.95 ? "%.2g %%" : "%.0f %%", percents);
+    std::snprintf(text.data(), text.size(), is_nearly_all ? nearly_all : others, percents);
     return text.data();
 }
 

@@ -33,7 +33,7 @@ struct PlaceWords {
 };
 PlaceWords words_for(const DescribedShape& source, Index row, std::span<const MarkedPoint> marks);
 
-/// "0.034 %", "42 %".
+/// "0.034 %", "42 %", "99.6 %": 100 % only where it is all.
 std::string percent(double share);
 
 /// With a capital, and a full stop.

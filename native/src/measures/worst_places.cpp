@@ -165,7 +165,7 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
         maps.there.points.distortion.minCoeff(&row);
         worst.push_back(
             {row, maps.there.foot[to_size(row)], Flaw::kMirrored, maps.there.points.distortion[row],
-             maps.there.figures.flipped, "",
+             maps.there.figures.flipped, true, "",
              "The map turns " + source_name +
                  " inside out or swaps left and right: recalculate the normals of both models to "
                  "point outward, and check that no feature is on the other side of one."});
@@ -184,7 +184,8 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
         const PlaceWords words =
             words_for({from.positions, from.root_area, source_name}, spot.source, marked);
         worst.push_back({spot.source, spot.target, spot.flaw, spot.distortion, spot.share,
-                         words.where, advice_on(spot, words, source_name, target_name)});
+                         spot.on_source, words.where,
+                         advice_on(spot, words, source_name, target_name)});
     }
     return worst;
 }

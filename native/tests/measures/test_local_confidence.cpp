@@ -176,6 +176,7 @@ TEST(LocalConfidence, WhatNoImageComesNearIsInDoubtAndNamed) {
     EXPECT_GT(one.target.positions(place->target, 2), kHighest);
     EXPECT_NE(place->advice.find("no counterpart"), std::string::npos) << place->advice;
     EXPECT_TRUE(place->unreached);
+    EXPECT_FALSE(place->on_source);
     EXPECT_EQ(std::ranges::count_if(found.doubtful,
                                     [](const DoubtfulPlace& other) {
                                         return other.advice.find("comes near a part of Ball") !=

@@ -8,6 +8,7 @@
 
 #include "measures/mapped.hpp"
 #include "measures/measured_map.hpp"
+#include "measures/place_words.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
@@ -234,6 +235,28 @@ TEST(Quality, TheRoundTripIsTheDistanceInRootsOfTheArea) {
     EXPECT_NEAR(quality.source_to_target.round_trip_p99, 0.2 / 2.0, 0.006);
     ASSERT_FALSE(quality.worst.empty());
     EXPECT_EQ(quality.worst[0].flaw, Flaw::kLost);
+}
+
+TEST(Quality, PlacesNameTheModelThatTheyAreOn) {
+    const auto half = [](const Vector3& p) { return Vector3(0.5 * (p.x() - 1.0), p.y(), p.z()); };
+    const auto lost_on = [](const Quality& quality, bool on_source) {
+        return std::ranges::count_if(quality.worst, [&](const Place& place) {
+            return place.flaw == Flaw::kLost && place.on_source == on_source;
+        });
+    };
+    const Quality there = plane(half, stay).measure(), back = plane(stay, half).measure();
+    EXPECT_GT(lost_on(there, false), 0);
+    EXPECT_GT(lost_on(back, true), 0);
+}
+
+TEST(Quality, OnlyAllOfItIs100Percent) {
+    EXPECT_EQ(percent(0.994), "99 %");
+    EXPECT_EQ(percent(0.996), "99.6 %");
+    EXPECT_EQ(percent(0.9996), "99.96 %");
+    EXPECT_EQ(percent(0.99999), "over 99.99 %");
+    EXPECT_EQ(percent(1.0 - 1e-12), "100 %");
+    EXPECT_EQ(percent(1.0), "100 %");
+    EXPECT_EQ(percent(0.0), "0 %");
 }
 
 TEST(Quality, CoverageIsTheShareThatIsReached) {

@@ -14,9 +14,9 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import formats
-from pointmorph.batch import jobs
+from pointmorph.batch import jobs, reports
 from pointmorph.batch.jobs import read_batch
-from pointmorph.batch.runs import DONE, FAILED, KEPT
+from pointmorph.batch.runs import DONE, FAILED, KEPT, PairOutcome
 from pointmorph.batch.tasks import FarmStep, Part, farm_steps, frames_in_task, has_renders, render
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -235,6 +235,23 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
     assert (frame.read_bytes(), arrays_of(map_)) == contents
     assert {p for p, at in times_of(out / "a_to_b").items() if kept[p] != at} == {frame}
     assert run("batch", path, "--report").returncode == 0
+
+
+def test_figures_of_other_versions_reports_are_kept(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    pairs = [{"source": "a.obj", "target": "b.obj"}]
+    (job,) = read_batch(write_jobs(tmp_path, pairs=pairs)).jobs
+    job.folder.mkdir(parents=True)
+    way = {"coverage": 0.996, "flipped": 0.0}
+    known = {"seconds": 1.0, "pairs": 9, "peak_memory_bytes": 1, "warnings": []}
+    place = {"source": 0, "target": 0, "flaw": "lost", "advice": "Mark it."}
+    torn = {**place, "flaw": "torn", "advice": "It is torn.", "where": "toward +X of a"}
+    for worst, advice in (([place, torn], ["Mark it", "It is torn"]), ([{}], []), ([3], [])):
+        report = {**known, "quality": {"there": way}, "worst": worst}
+        (job.folder / jobs.REPORT).write_text(json.dumps(report))
+        (row,) = reports.rows([PairOutcome(job, DONE)])
+        assert (row["covered"], row["advice"]) == (0.996, advice)
+        assert "99.6 %" in reports.table([row])[1]
 
 
 def test_a_template_with_faces_goes_onto_each_of_its_targets(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ struct DoubtfulPlace {
     double confidence;  ///< mean over the doubtful points there
     double share;       ///< of the surface covered by them, 0 to 1
     bool unreached;     ///< whether nothing of the other cloud comes near: it may lack this part
+    bool on_source;     ///< the model that the doubtful points are of
     std::string where;  ///< "toward +X of Fox", "near \"nose\""
     std::string advice;
 };

@@ -70,6 +70,7 @@ struct Place {
     Flaw flaw;          ///< of most bad points there; kFolded if a fifth of them are folded
     double distortion;  ///< mean over the point and its neighbors
     double share;       ///< of the surface covered by its bad points, 0 to 1
+    bool on_source;     ///< the model that the bad points are of
     std::string where;  ///< "toward +X of Fox", "near \"nose\""; empty where it is everywhere
     std::string advice;
 };

@@ -12,6 +12,7 @@ from pointmorph.base.errors import PointmorphError
 from pointmorph.batch import thumbnails
 from pointmorph.batch.jobs import MORPH, PICTURES, REPORT, Batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, PairOutcome
+from pointmorph.morphs.quality import percent
 from pointmorph.morphs.run_words import advice_lines
 from pointmorph.morphs.stored_morphs import open_morph
 from pointmorph.storage import files
@@ -69,10 +70,18 @@ def _figures(outcome: PairOutcome) -> dict[str, Any]:
             "mesh": (report.get("mesh") or {}).get("grade"),
             "verdict": (report.get("mesh") or {}).get("verdict"),
             "warnings": report["warnings"],
-            "advice": advice_lines(report, None, names, "pointmorph morph --mesh source --denser"),
+            "advice": _advice(report, names),
         }
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+
+
+def _advice(report: dict[str, Any], names: tuple[str, str]) -> list[str]:
+    """Nothing where another version's report has something else there: figures are worth more."""
+    try:
+        return advice_lines(report, None, names, "pointmorph morph --mesh source --denser")
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return []
 
 
 def table(found: Sequence[dict[str, Any]]) -> list[str]:
@@ -94,7 +103,7 @@ def _cell(row: dict[str, Any], column: str) -> str:
     if value is None:
         return ""
     if column in ("covered", "folded"):
-        return f"{100 * value:.2f} %"
+        return percent(value)
     return f"{value:.2f}" if column == "seconds" else str(value)
 
 

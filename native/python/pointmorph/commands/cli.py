@@ -326,7 +326,7 @@ def _said(
     chosen: argparse.Namespace, report: Mapping[str, Any], clouds: Sequence[Cloud]
 ) -> list[str]:
     """How good the result is, in figures and in words."""
-    names = [cloud.name for cloud in clouds]
+    names, positions = [cloud.name for cloud in clouds], [cloud.positions for cloud in clouds]
     densify = "add --denser" if chosen.mesh in SIDES else "add --mesh source --denser"
     if chosen.denser is not None or "mesh" not in report:
         densify = ""
@@ -336,10 +336,7 @@ def _said(
         *(f"  {name}: {value}" for name, value in quality.feature_summary(report)),
         run_words.verdict_line(report, names)
         + (" (Measured before --denser.)" if chosen.denser is not None else ""),
-        *(
-            f"  {line}"
-            for line in run_words.advice_lines(report, clouds[0].positions, names, densify)
-        ),
+        *run_words.listed_advice(report, run_words.advice_lines(report, positions, names, densify)),
     ]
 
 

@@ -28,6 +28,8 @@ class DoubtfulPlace:
     """only where it is, such as "toward +X of Fox"; empty in older files"""
     unreached: bool = False
     """whether nothing of the other model comes near, so that this part may have no counterpart"""
+    side: str = ""
+    """which model the doubtful points are of, "source" or "target"; empty in older files"""
 
 
 @dataclass(frozen=True)

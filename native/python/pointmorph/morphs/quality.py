@@ -75,6 +75,8 @@ class Place:
     """what is wrong there, and what would help"""
     where: str = ""
     """where it is, such as "toward +X of Fox"; empty if everywhere"""
+    side: str = ""
+    """which model the bad points are of, "source" or "target"; empty in older files"""
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,8 @@ class MeshQuality:
     off: float
     """mean distance from the vertices to the target, in √area of the target"""
     grade: str
-    """good (up to 0.1 %, 0.2 %, 0.7 % and 0.05 % in this order), fair (0.5 %, 1 %, 2 % and
-    0.3 %) or poor; the worst figure counts"""
+    """good, fair or poor, by the worst figure: see `GOOD_MESH` and `FAIR_MESH` in
+    `pointmorph.morphs.verdicts`"""
     verdict: str
     """the same in words"""
     worst: tuple[MeshPlace, ...]
@@ -225,8 +227,12 @@ def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def percent(share: float) -> str:
-    """To two digits, as in all sentences: "0.034 %", "42 %"."""
+    """To two digits, as in all sentences: "0.034 %", "42 %"; 100 % only if it is all."""
     percents = 100 * share
     if 0 < percents < 0.01:
         return "under 0.01 %"
+    if 99.5 <= percents < 100 - 1e-7:
+        if percents > 99.99:
+            return "over 99.99 %"
+        return f"{percents:.1f} %" if percents < 99.95 else f"{percents:.2f} %"
     return f"{percents:.2g} %" if percents < 9.95 else f"{percents:.0f} %"

@@ -11,13 +11,18 @@ from typing import Any
 import numpy as np
 
 from pointmorph.morphs import quality
-from pointmorph.morphs.verdicts import COVERED, FOLDED, MOSTLY_RIGHT, grade_of
+from pointmorph.morphs.verdicts import COVERED, FOLDED, GOOD_MESH, MOSTLY_RIGHT, grade_of
 from pointmorph.shapes.clouds import FloatArray
 
 _MOST_PLACES = 3
 
+
+def _unseen(figure: str) -> str:
+    return f"up to {quality.percent(GOOD_MESH[figure])} can't be seen"
+
+
 _HINTS = {
-    "Likely right": "of the map; 80 % or more is fine",
+    "Likely right": f"of the map; {quality.percent(MOSTLY_RIGHT)} or more is fine",
     "Covered": "of each model has a counterpart; 100 % is best",
     "Stretch": "times, where it is most; 1 is none",
     "Angle distortion": "1 is none",
@@ -25,29 +30,27 @@ _HINTS = {
     "Collapsed": "of the points squeezed to a line",
     "Round-trip error": "of the size, from a point there and back",
     "Cracks": "of the points drift apart on the way; --resample fills gaps",
-    "Feature error": "before features are made to meet",
-    "Faces folded": "of the area; up to 0.1 % can't be seen",
-    "Edges creased": "of the edges; up to 0.2 % can't be seen",
-    "Target missed": "of the size, where it is most; up to 0.7 % can't be seen",
-    "Off the target": "of the size; up to 0.05 % can't be seen",
+    "Feature error": "spacings, before features are made to meet",
+    "Faces folded": f"of the area; {_unseen('folded')}",
+    "Edges creased": f"of the edges; {_unseen('creased')}",
+    "Target missed": f"of the size, where it is most; {_unseen('uncovered')}",
+    "Off the target": f"of the size; {_unseen('off')}",
 }
 
 
 def figure_lines(report: Mapping[str, Any]) -> list[str]:
     """A table of the figures, with what they mean."""
-    rows = [
-        row
-        for row in quality.quality_summary(report)
-        if row[0] != "Feature error" or report.get("features")
+    rows = []
+    for name, value in quality.quality_summary(report):
+        if name == "Feature error" and not report.get("features"):
+            continue
+        # Under the digits of shares; the unit is in the hint.
+        shown = value if value.endswith("%") else value.removesuffix(" spacings") + "  "
+        rows.append((name, shown))
+    longest = max(len(shown) for _, shown in rows)
+    return [
+        f"{name:<18}{shown.rjust(longest)}  {_HINTS.get(name, '')}".rstrip() for name, shown in rows
     ]
-    longest = max(len(value) for _, value in rows)
-    lines = []
-    for name, value in rows:
-        hint = _HINTS.get(name, "")
-        if not value.endswith("%"):
-            value += "  "  # under the digits of shares
-        lines.append(f"{name:<18}{value.rjust(longest)}  {hint}".rstrip())
-    return lines
 
 
 def verdict_line(report: Mapping[str, Any], names: Sequence[str]) -> str:
@@ -78,18 +81,31 @@ class _Entry:
     words: str
     details: str
 
+    @property
+    def is_direction(self) -> bool:
+        """Whether it is told by sides of the model, not by features."""
+        return not self.words.startswith(_BY_FEATURES)
+
+
+_BY_FEATURES = ('at "', 'near "', 'between "')
+_OF_TARGET = "lost on the target"
+
 
 def advice_lines(
-    report: Mapping[str, Any], positions: FloatArray | None, names: Sequence[str], densify: str
+    report: Mapping[str, Any],
+    positions: Sequence[FloatArray] | None,
+    names: Sequence[str],
+    densify: str,
 ) -> list[str]:
     """What is wrong and what to do, a line for each kind of trouble, with the worst places.
 
     Parameters
     ----------
     report : mapping
-        `Morph.report`.
-    positions : (N, 3) array or None
-        Of the source. Without them, no coordinates are given.
+        `Morph.report`, or the contents of a `report.json`. Places of older ones, that don't say
+        where they are, have a line each.
+    positions : sequence of (N, 3) array, or None
+        Of the source and the target. Without them, no coordinates are given.
     names : sequence of str
         Of the source and the target.
     densify : str
@@ -99,34 +115,62 @@ def advice_lines(
     for kind, places in _by_kind(report).items():
         if kind == "uncovered" and not densify:
             continue
-        entries = _merged(_entries(places, positions, names[0]))
-        if kind == "mirrored":
-            lines.append(places[0]["advice"].rstrip("."))
-            continue
-        listed = ", ".join(
-            entry.words + (f" ({entry.details})" if entry.details else "")
-            for entry in entries[:_MOST_PLACES]
-        )
-        left = len(entries) - _MOST_PLACES
-        more = f", and {left} more place{'s' * (left > 1)}" if left > 0 else ""
-        lines.append(f"{_head(kind, names, densify)} On {names[0]}: {listed}{more}")
+        head = _head(kind, names, densify)
+        told = [place for place in places if head and place.get("where")]
+        if told:
+            lines.append(f"{head}: {_listed(told, positions, names)}")
+        advice = (place.get("advice", "") for place in places if place not in told)
+        lines += dict.fromkeys(text.rstrip(".") for text in advice if text)
     return lines
 
 
+def listed_advice(report: Mapping[str, Any], lines: Sequence[str]) -> list[str]:
+    """Lines of `advice_lines` below a heading that doesn't contradict the verdict."""
+    if not lines:
+        return []
+    is_good = grade_of(report) == "good"
+    what = "What could still be better" if is_good else "What would help"
+    return [
+        f"{what}{', the most important first' * (len(lines) > 1)}:",
+        *(f"  - {x}" for x in lines),
+    ]
+
+
+def _listed(
+    places: Sequence[Mapping[str, Any]],
+    positions: Sequence[FloatArray] | None,
+    names: Sequence[str],
+) -> str:
+    entries = _merged(_entries(places, positions, names))
+    listed = ", ".join(
+        entry.words + (f" ({entry.details})" if entry.details else "")
+        for entry in entries[:_MOST_PLACES]
+    )
+    left = len(entries) - _MOST_PLACES
+    return listed + (f", and {left} more place{'s' * (left > 1)}" if left > 0 else "")
+
+
 def _head(kind: str, names: Sequence[str], densify: str) -> str:
+    """What comes before the places; empty if these are described by their own advice."""
     source, target = names
-    return {
-        "doubtful": "Mark features on both models where the map may be wrong.",
-        "lost": "Some parts have no counterpart. If they should have one, mark features on both "
-        "models.",
-        "folded": "Mark features on both models where the surface folds or creases.",
-        "stretched": f"Mark features on both models where {source} is stretched.",
-        "squeezed": f"Mark features on both models where {source} is squeezed.",
+    mark = "Mark features on both models where"
+    one_lost = "If they should have one, mark features on both models."
+    what = {
+        "doubtful": f"{mark} the map may be wrong.",
+        "lost": f"Some parts of {source} have no counterpart on {target}. {one_lost}",
+        "folded": f"{mark} the surface folds or creases.",
+        "stretched": f"{mark} {source} is stretched.",
+        "squeezed": f"{mark} {source} is squeezed.",
         "uncovered": f"The faces of {source} don't reach all of {target}: give it more "
         f"vertices ({densify}), or mark features on both models.",
-        "off": f"Mark features on both models where vertices lie off {target}.",
-        "mirrored": "",
-    }[kind]
+        "off": f"{mark} vertices lie off {target}.",
+    }
+    if kind == _OF_TARGET:
+        return (
+            f"Some parts of {target} have no counterpart on {source}. {one_lost} "
+            f"Near these places of {source}"
+        )
+    return f"{what[kind]} On {source}" if kind in what else ""
 
 
 def _by_kind(report: Mapping[str, Any]) -> dict[str, list[Mapping[str, Any]]]:
@@ -134,35 +178,50 @@ def _by_kind(report: Mapping[str, Any]) -> dict[str, list[Mapping[str, Any]]]:
     found: dict[str, list[Mapping[str, Any]]] = {
         kind: []
         for kind in (
-            *("mirrored", "doubtful", "lost", "folded", "uncovered"),
+            *("mirrored", "doubtful", "lost", _OF_TARGET, "folded", "uncovered"),
             *("stretched", "squeezed", "off"),
         )
     }
-    for place in report.get("doubtful", []):
-        found["lost" if place.get("unreached") else "doubtful"].append(place)
-    for place in (report.get("mesh") or {}).get("worst", []):
-        found["folded" if place["flaw"] == "creased" else place["flaw"]].append(place)
-    for place in report["worst"]:
-        found[place["flaw"]].append(place)
+    for place in report.get("doubtful") or []:
+        found[_lost(place) if place.get("unreached") else "doubtful"].append(place)
+    for place in [*((report.get("mesh") or {}).get("worst") or []), *(report.get("worst") or [])]:
+        flaw = {"creased": "folded", "lost": _lost(place)}.get(place["flaw"], place["flaw"])
+        found.setdefault(flaw, []).append(place)
     return {kind: places for kind, places in found.items() if places}
 
 
+def _lost(place: Mapping[str, Any]) -> str:
+    """The kind of a place without a counterpart, by the model that has it. Where an older report
+    doesn't say that, the place's own advice does."""
+    of_side = {"source": "lost", "target": _OF_TARGET}
+    return of_side.get(place.get("side", ""), "lost on either")
+
+
 def _entries(
-    places: Sequence[Mapping[str, Any]], positions: FloatArray | None, source: str
+    places: Sequence[Mapping[str, Any]],
+    positions: Sequence[FloatArray] | None,
+    names: Sequence[str],
 ) -> Iterator[_Entry]:
-    """Where places are, in words, and with coordinates."""
-    size = 0.0 if positions is None else float(np.ptp(positions, axis=0).max())
+    """Where places are, in words, and with coordinates: of the source, but of what only the target
+    has, there."""
     for place in places:
-        words = place.get("where", "").removesuffix(f" of {source}").replace(", ", " ")
+        entry = _Entry(place["where"].removesuffix(f" of {names[0]}"), "")
+        if entry.is_direction:
+            entry.words = entry.words.replace(", ", " ")
         details = []
         if positions is not None:
-            at = (_rounded(value, size) for value in positions[place["source"]].tolist())
-            details.append(f"at {', '.join(at)}")
+            is_lost = place.get("unreached") or place.get("flaw") == "lost"
+            side = "target" if is_lost and place.get("side") == "target" else "source"
+            on = positions[side == "target"]
+            size = float(np.ptp(on, axis=0).max())
+            at = ", ".join(_rounded(value, size) for value in on[place[side]].tolist())
+            details.append(f"at {at} of {names[1]}" if side == "target" else f"at {at}")
         if "confidence" in place and not place.get("unreached"):
             details.append(f"{quality.percent(place['confidence'])} sure")
-        if words.startswith('at "'):
+        if entry.words.startswith('at "'):
             details.append("check that this is the same place on both models")
-        yield _Entry(words, "; ".join(details))
+        entry.details = "; ".join(details)
+        yield entry
 
 
 def _rounded(value: float, size: float) -> str:
@@ -173,7 +232,7 @@ def _rounded(value: float, size: float) -> str:
 
 
 def _merged(entries: Iterator[_Entry]) -> list[_Entry]:
-    """Each description once; two that differ by the sign of an axis as one with ±."""
+    """Each description once; two sides that differ by the sign of an axis as one with ±."""
     result: list[_Entry] = []
     for entry in entries:
         if any(entry.words == other.words for other in result):
@@ -190,6 +249,8 @@ def _merged(entries: Iterator[_Entry]) -> list[_Entry]:
 def _twins(entries: Sequence[_Entry]) -> tuple[int, int, str] | None:
     for first, one in enumerate(entries):
         for second in range(first + 1, len(entries)):
+            if not (one.is_direction and entries[second].is_direction):
+                continue
             for sign in re.finditer(r"[+-](?=[XYZ]\b)", one.words):
                 start, end = one.words[: sign.start()], one.words[sign.end() :]
                 other = "-" if sign[0] == "+" else "+"

@@ -11,15 +11,21 @@ MOSTLY_RIGHT = 0.8
 """share of a map that is likely right, below which it is doubted"""
 FOLDED, COVERED = 0.02, 0.95
 """shares of points: more that are turned over, or fewer that have a counterpart, show"""
+GOOD_MESH = {"folded": 0.001, "creased": 0.002, "uncovered": 0.007, "off": 0.0005}
+"""what can't be seen, in the figures of `MeshQuality`: up to these its grade is good"""
+FAIR_MESH = {"folded": 0.005, "creased": 0.01, "uncovered": 0.02, "off": 0.003}
+"""the same for fair"""
 
 
 def grade_of(report: Mapping[str, Any]) -> str:
     """How good a morph looks: "good", "fair" or "poor".
 
-    If the source has faces, their grade (see `MeshQuality.grade`), as it is them that people see.
-    Else "poor" if more than 2 % of the points are folded over, or more than 5 % left out. What
-    can't be seen at the ends makes "fair" of "good": less than 0.8 that is likely right, or bad
-    places.
+    If the source has faces, it is how they look (`MeshQuality.grade`), as it is them that people
+    see; but at most "fair" if the match is in doubt (less than `MOSTLY_RIGHT` of it is likely
+    right) or has gaps (more points than `FOLDED` are turned over, or fewer than `COVERED` have a
+    counterpart).
+
+    Else "poor" if the match has gaps, "fair" if it is in doubt or has bad places.
 
     Parameters
     ----------
