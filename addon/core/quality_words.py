@@ -4,11 +4,16 @@ import re
 from dataclasses import dataclass
 
 from pointmorph.morphs.quality import percent
-from pointmorph.morphs.verdicts import COVERED, FOLDED, MOSTLY_RIGHT, grade_of
+from pointmorph.morphs.verdicts import COVERED, FOLDED, GOOD_MESH, MOSTLY_RIGHT, grade_of
+
+
+def _unseen(figure):
+    return f"up to {percent(GOOD_MESH[figure])} isn't visible"
+
 
 FIGURES = {
-    "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 "
-    "%, more features are needed",
+    "Likely right": "Share of the points that are likely mapped to where they belong. Below "
+    f"{percent(MOSTLY_RIGHT)}, more features are needed",
     "Covered": "Share of the points of each shape that points of the other map to. 100 % is best",
     "Stretch": "How much the map stretches the worst one percent of points. 1 means no stretch",
     "Angle distortion": "How much angles change at the median point. 1 means no change",
@@ -21,13 +26,13 @@ FIGURES = {
     "Feature error": "How far features are from each other before they are made to meet, in "
     "point spacings",
     "Faces folded": "Share of the area of the source's faces that are folded over on the "
-    "target. 0 % is best, and up to 0.1 % isn't visible",
+    f"target. 0 % is best, and {_unseen('folded')}",
     "Edges creased": "Share of the edges that bend by more than 90° at the end, but not at "
-    "first, and where the target has no bend. Up to 0.2 % isn't visible",
+    f"first, and where the target has no bend. {_unseen('creased').capitalize()}",
     "Target missed": "How far the worst one percent of the target is from the source's faces, "
-    "as a share of its size. Up to 0.7 % isn't visible",
+    f"as a share of its size. {_unseen('uncovered').capitalize()}",
     "Off the target": "How far the source's vertices lie off the target on average, as a share of "
-    "its size. Up to 0.05 % isn't visible",
+    f"its size. {_unseen('off').capitalize()}",
 }
 """What the figures of `pointmorph.quality_summary` mean, by name."""
 
@@ -65,8 +70,10 @@ def verdict(report):
     grade, said = grade_of(report), _said_of_map(report)
     doubtful = report.get("doubtful", [])
     places = _counted(len(report["worst"]) + len(mesh["worst"]) + len(doubtful))
-    without = "no bad places" if grade == "good" else "see below"
-    line = f"{places} to look at" if places else without
+    if grade == "good":
+        line = f"{places} could be better" if places else "no bad places"
+    else:
+        line = f"{places} to look at" if places else "see below"
     if "verdict" in mesh:
         said += _said_of_mesh(mesh)
     return Verdict(grade, f"{grade.capitalize()}: {line}", tuple(said))

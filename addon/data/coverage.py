@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mathutils.bvhtree import BVHTree
+from pointmorph.morphs.verdicts import GOOD_MESH
 
 FAR = 0.005
 """Distance from which on a place counts as not shown, in √area of the surface."""
+_VISIBLE = 0.01  # of the surface is farther than what can't be seen: the percentile of the verdict
 _LONG = 2.0  # sides of a face that is too large for what it misses, in distances from that
 _LEAST, _MOST = 5_000, 20_000  # samples of a surface, about
 _FINE = 40_000  # triangles of a mesh that isn't asked: to look takes long, and they are small
@@ -79,7 +81,8 @@ def missed(places, triangles, onto):
     (S,) array of int
         The triangle that is the closest to each sample.
     (S,) array of bool
-        Whether it's far away, and so large that smaller ones would be closer.
+        Whether it's far away, and so large that smaller ones would be closer. Nowhere if the
+        verdict on the mesh calls what it misses invisible.
     """
     tree = tree_of(places, triangles)
     found = [tree.find_nearest(sample)[2:] for sample in onto.samples.tolist()]
@@ -87,7 +90,8 @@ def missed(places, triangles, onto):
     distances = np.array([distance for _, distance in found])
     corners = places[triangles].astype(np.float64)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    far = (distances > FAR * onto.scale) & (longest[nearest] > _LONG * distances)
+    seen = onto.shares[distances > GOOD_MESH["uncovered"] * onto.scale].sum() > _VISIBLE
+    far = seen & (distances > FAR * onto.scale) & (longest[nearest] > _LONG * distances)
     return nearest, far
 
 

@@ -114,6 +114,16 @@ def test_fine_meshes_need_hardly_more(settings):
     assert len(source.data.vertices) == 24**2
 
 
+@pytest.mark.parametrize(("off", "missed"), [(0.0065, 0.0), (0.0075, 1.0)])
+def test_what_can_not_be_seen_is_not_missed(addon, off, missed):
+    """As the verdict says "good" up to 0.7 % of the size."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    target = SimpleNamespace(positions=square, triangles=faces)
+    above = square + np.array([0, 0, off], np.float32)
+    assert addon("data.coverage").missed_share(above, faces, target) == pytest.approx(missed)
+
+
 def test_subdividing_carries_all_that_the_source_has(settings):
     source = primitive("cube")
     target = primitive("ico_sphere", subdivisions=4)

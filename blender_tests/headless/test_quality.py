@@ -279,7 +279,11 @@ def test_faces_make_the_grade_and_doubts_make_it_fair_at_best(addon, settings):
     obj = morph()
     report = report_of(obj)
     places = len(report["worst"]) + len(report["mesh"]["worst"]) + len(report["doubtful"])
-    assert words.verdict(report).line.endswith(f"{places} places to look at")
+    report |= {"likely_right": 0.9}
+    report["mesh"] |= {"grade": "good"}
+    assert words.verdict(report).line == f"Good: {places} places could be better"
+    report |= {"likely_right": 0.5}
+    assert words.verdict(report).line == f"Fair: {places} places to look at"
     for figures, reason in (
         ({"flipped": 0.034}, "Match: 3.4 % of the points are folded over"),
         ({"flipped": 0.0, "coverage": 0.91}, "Match: 9 % of the points are left out"),
