@@ -187,6 +187,23 @@ TEST(MeshQuality, ABevelOfTheTargetIsNoCrease) {
     EXPECT_GT(measured(source, ridged, tray()).figures.creased, 0.0);
 }
 
+TEST(MeshQuality, ACreaseOnAThinBoardIsOneButItsRimIsNone) {
+    const double thickness = 0.02;  // 0.007 √area
+    const Cloud side = mesh_shapes::grid(2 * kTraySide);
+    const Cloud board = mesh_shapes::together(
+        side, mesh_shapes::moved(side, Vector3(1, -1, -1).asDiagonal(), Vector3(0, 0, -thickness)));
+    const Cloud source = sheet();
+    const MeshQuality crumpled = measured(source, mapped(source.positions, swapped), board);
+    // But for the ends of both columns, which are at the rim.
+    const double columns = 2.0 / (3.0 * kTraySide - 2.0);
+    EXPECT_NEAR(crumpled.figures.creased, 0.9 * columns, 0.1 * columns + 1e-9);
+    // Over both sides and about the rim at x = −1.
+    const auto over = [&](const Vector3& p) {
+        return Vector3(2.0 * std::abs(p.x()) - 1.0, p.y(), p.x() < 0.0 ? -thickness : 0.0);
+    };
+    EXPECT_EQ(measured(source, mapped(source.positions, over), board).figures.creased, 0.0);
+}
+
 TEST(MeshQuality, WhatIsFoldedAtRestIsNoFold) {
     const auto closed = [](const Vector3& p) {
         return Vector3(std::abs(p.x()), p.y(), p.x() < 0.0 ? -1e-3 * p.x() : 0.0);
