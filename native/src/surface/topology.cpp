@@ -9,6 +9,7 @@
 #include <queue>
 #include <utility>
 
+#include "base/median.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
@@ -105,11 +106,6 @@ void move_strays_last(Topology& topology, const Values& spacing, double smallest
     std::vector<std::vector<double>> spacings(topology.components.size());
     for (std::size_t i = 0; i < topology.labels.size(); ++i)
         spacings[to_size(topology.labels[i])].push_back(spacing[static_cast<Eigen::Index>(i)]);
-    const auto median = [](std::vector<double>& values) {
-        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-        std::ranges::nth_element(values, middle);
-        return *middle;
-    };
     const double usual = median(spacings.front());
     std::vector<Index> order, strays;
     for (Index p = 0; p < to_index(spacings.size()); ++p) {
@@ -344,7 +340,7 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
     return std::nullopt;
 }
 
-std::string with_article(const Component& component, bool plural) {
+std::string kind_in_words(const Component& component, bool plural) {
     if (component.is_open) return plural ? "open surfaces" : "an open surface";
     if (component.borders > 0) return plural ? "surfaces" : "a surface";
     return plural ? "closed surfaces" : "a closed surface";
@@ -356,15 +352,14 @@ std::string counted(Index count, const char* one) {
 
 /// Handles, as the holes that they go around: through a ring goes one.
 std::string genus_in_words(const Component& component, bool plural) {
-    if (!component.genus) return "perhaps holes through " + std::string(plural ? "them" : "it");
+    if (!component.genus) return "holes through " + std::string(plural ? "them" : "it");
     return counted(*component.genus, "hole") + " through " + (plural ? "each" : "it");
 }
 
 /// What isn't there, as far as "closed" or "open" doesn't say it.
 std::string openings_in_words(const Component& component) {
-    const Index openings = component.borders - (component.is_open ? 1 : 0);
-    if (openings <= 0) return "";
-    return counted(openings, component.is_open ? "more opening" : "opening");
+    if (component.borders <= (component.is_open ? 1 : 0)) return "";
+    return counted(component.borders, "opening");
 }
 
 /// Of each component what faces say of it: nothing where they say nothing sure, or where it has
@@ -412,9 +407,10 @@ struct Sampled {
 }  // namespace
 
 std::string in_words(const Component& component, bool plural) {
-    std::string words = with_article(component, plural), openings = openings_in_words(component);
+    std::string words = kind_in_words(component, plural), openings = openings_in_words(component);
     if (!openings.empty()) words += " with " + openings;
-    if (!component.genus || *component.genus > 0)
+    if (!component.genus) return words + ", perhaps with " + genus_in_words(component, plural);
+    if (*component.genus > 0)
         words += (openings.empty() ? " with " : " and ") + genus_in_words(component, plural);
     return words;
 }

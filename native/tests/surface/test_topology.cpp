@@ -65,7 +65,7 @@ TEST(Topology, CountsHolesAndTellsThemFromRims) {
               "a surface with 2 openings");
     EXPECT_EQ(in_words(topology_of(without(shapes::sphere(6000),
                                            [](const auto& p) { return std::abs(p.z()) > 0.5; }))),
-              "an open surface with 1 more opening");
+              "an open surface with 2 openings");
     Positions torus(90 * 40, 3);  // even, for its holes to be seen
     for (Index i = 0; i < torus.rows(); ++i) {
         const double a = 2 * std::numbers::pi * (i / 40) / 90.0;
@@ -130,7 +130,7 @@ TEST(Topology, SaysUnknownWherePointsAreTooFew) {
     const Topology few = topology_of(shapes::sphere(60));
     ASSERT_EQ(few.main().size(), 1u);
     EXPECT_FALSE(few.components[0].genus);
-    EXPECT_EQ(in_words(few), "a closed surface with perhaps holes through it");
+    EXPECT_EQ(in_words(few), "a closed surface, perhaps with holes through it");
 }
 
 TEST(Topology, SpeaksOfTwoShapesAtOnce) {
@@ -140,11 +140,11 @@ TEST(Topology, SpeaksOfTwoShapesAtOnce) {
     EXPECT_EQ(in_words(of(0), of(0)), "closed surfaces");
     EXPECT_EQ(in_words(of(1), of(0)),
               "a closed surface with 1 hole through it, to a closed surface");
-    EXPECT_EQ(in_words(of({}), of({})), "closed surfaces with perhaps holes through them");
+    EXPECT_EQ(in_words(of({}), of({})), "closed surfaces, perhaps with holes through them");
     EXPECT_EQ(in_words(of(2, 1), of(2, 1)), "surfaces with 1 opening and 2 holes through each");
     EXPECT_EQ(in_words(of(0, 1, true), of(0, 1, true)), "open surfaces");
     EXPECT_EQ(in_words(of(0, 3, true), of(0)),
-              "an open surface with 2 more openings, to a closed surface");
+              "an open surface with 3 openings, to a closed surface");
     const Topology eyes{{}, {{100, 0, false, 0}, {9, 0, false, 0}, {9, 0, false, 0}}, 0};
     EXPECT_EQ(in_words(eyes, eyes), "on both sides 3 closed surfaces");
 }
