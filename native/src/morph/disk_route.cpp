@@ -28,7 +28,7 @@ struct DiskPatch {
     DiskPatch(const PreparedShape& patch, const Boundary& boundary)
         : shape(patch), normals(patch.normals), rim(boundary.loop) {
         if (rim.empty())
-            throw TopologyError(shape.name, "an open patch with a boundary", "a closed surface",
+            throw TopologyError(shape.name, "an open surface with a boundary", "a closed surface",
                                 "Use method auto, which needs no boundary; or domain sphere, for "
                                 "closed models without handles; or domain network, with features "
                                 "all over both models; or list features in a loop, along which "

@@ -120,17 +120,18 @@ void require_closed(Closed purpose, const PreparedShape& shape, std::span<const 
     if (!is_rim(shape, find_boundary(shape, given, options, progress).loop)) return;
     switch (purpose) {
         case Closed::kLoop:
-            throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                               "a loop, while " + shape.name + " is an open patch",
+            throw FeatureError("loop", "no loop for open surfaces, whose boundary is known",
+                               "a loop, while " + shape.name + " is an open surface",
                                "Leave the loop out.");
         case Closed::kNetwork:
             throw TopologyError(shape.name, "a closed surface for a network of curves",
-                                "an open patch, whose boundary is known",
+                                "an open surface, whose boundary is known",
                                 "Use domain disk or method auto.");
         case Closed::kSphere:
-            throw TopologyError(shape.name, "a closed surface for domain sphere", "an open patch",
-                                "Use domain disk for open patches, or method auto with domain auto "
-                                "for shapes of any topology.");
+            throw TopologyError(
+                shape.name, "a closed surface for domain sphere", "an open surface",
+                "Use domain disk for open surfaces, or method auto with domain auto "
+                "for shapes of any topology.");
     }
 }
 

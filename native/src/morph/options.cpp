@@ -109,8 +109,8 @@ const std::vector<Option> kTable{
     choice(POINTMORPH_FIELD(domain),
            {.name = "domain",
             .choices = {"auto", "disk", "cut", "sphere", "network"},
-            .help = "The common domain that both models are mapped to. disk: open patches with "
-                    "one boundary. cut: closed models, cut in two along a loop of features "
+            .help = "The common domain that both models are mapped to. disk: open surfaces "
+                    "with one boundary. cut: closed models, cut in two along a loop of features "
                     "(without a loop, through the features on tips). sphere: closed models "
                     "without handles, not cut. network: closed models of any kind, cut into "
                     "patches by curves between all features. auto: chosen by method and models. "

@@ -316,7 +316,7 @@ def test_features_that_are_no_points_are_refused(pair: object) -> None:
 
 def test_a_loop_on_an_open_patch_is_refused() -> None:
     marks = features(21, 21)
-    with pytest.raises(pointmorph.FeatureError, match="open patch"):
+    with pytest.raises(pointmorph.FeatureError, match="open surface"):
         pointmorph.morph(
             pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), marks, loop=list(marks)
         )
