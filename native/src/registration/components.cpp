@@ -481,8 +481,9 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
         const auto count = to_index(components.size());
         const double share =
             static_cast<double>(points) / static_cast<double>(shape.topology.labels.size());
+        const auto percents = std::lround(100.0 * share);
         words.push_back(counted(count, "piece", "pieces") + " of " + shape.name + " (" +
-                        std::to_string(std::lround(100.0 * share)) + " % of it) " +
+                        (percents > 0 ? std::to_string(percents) : "under 1") + " % of it) " +
                         (count == 1 ? "has no counterpart and " : "have no counterpart and ") +
                         (count == 1 ? one : more) + " the nearest part.");
     };
