@@ -39,6 +39,14 @@ std::string where(const Cloud& cloud, Index row, std::span<const Feature> featur
     return direction_in_words(normalization(cloud.positions).apply(cloud.positions), row);
 }
 
+/// "0.49, -2, 30", where words don't tell places apart.
+std::string coordinates(const Cloud& cloud, Index row) {
+    std::array<char, 96> text{};
+    const auto place = cloud.positions.row(row);
+    std::snprintf(text.data(), text.size(), "%.2g, %.2g, %.2g", place.x(), place.y(), place.z());
+    return text.data();
+}
+
 /// How a rival map differs from the one that was chosen.
 std::string difference(const Rival& rival, const Cloud& source, std::span<const Feature> features) {
     switch (rival.swap) {
@@ -197,11 +205,18 @@ std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& t
     std::string mark;
     if (!found.rivals.empty()) {
         const Rival& rival = found.rivals.front();
+        constexpr double kJustAsWell = 1.005;  // half a percent worse: a toss-up
         text += ": " + source.name + " fits " + target.name +
-                (rival.ratio < 1.005 ? " as well " : " nearly as well ") +
+                (rival.ratio < kJustAsWell ? " just as well, but " : " nearly as well, but ") +
                 difference(rival, source, features);
         mark = from(rival.source);
-        const std::string now = onto(rival.target), otherwise = onto(rival.rival_target);
+        std::string now = onto(rival.target), otherwise = onto(rival.rival_target);
+        const std::string here = coordinates(target, rival.target),
+                          there = coordinates(target, rival.rival_target);
+        if (now == otherwise && here != there) {
+            now += " (at " + here + ")";
+            otherwise += " (at " + there + ")";
+        }
         if (now != otherwise)
             mark += ", which is now " + now + " of " + target.name + " and otherwise " + otherwise;
     } else if (!found.proposals.empty()) {

@@ -131,6 +131,29 @@ TEST(Words, HeadAndTailAreNotSaidOfThings) {
     EXPECT_EQ(text.find("head"), std::string::npos) << text;
 }
 
+TEST(Words, TellTwoPlacesOnOneSideApart) {
+    Cloud ball = mesh_shapes::icosphere(4);
+    ball.name = "ball";
+    Diagnostics found;
+    found.rivals.emplace_back();
+    Rival& rival = found.rivals.back();
+    rival.swap = Swap::kTurned;
+    rival.ratio = 1.0;
+    const auto nearest = [&](double x, double y, double z) {
+        Eigen::Index row = 0;
+        (ball.positions.rowwise() - Eigen::RowVector3d(x, y, z)).rowwise().norm().minCoeff(&row);
+        return to_index(row);
+    };
+    rival.target = nearest(1.0, 0.05, 0.0);
+    rival.rival_target = nearest(1.0, -0.05, 0.0);
+    const std::string text = doubts(found, ball, ball, {});
+    EXPECT_NE(text.find("ball fits ball just as well, but rotated differently"), std::string::npos)
+        << text;
+    const auto now = text.find(" (at 1, 0.0"), otherwise = text.find(" (at 1, -0.0");
+    EXPECT_NE(now, std::string::npos) << text;
+    EXPECT_NE(otherwise, std::string::npos) << text;
+}
+
 TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
     const Cloud target = hemisphere(2500);
     Cloud moved = target;
