@@ -28,17 +28,17 @@ CutPreview preview_cut(const Cloud& cloud, std::span<const Index> loop,
     const MeshSamples of_faces = mesh ? mesh->samples() : MeshSamples{};
     const std::vector<PartCounts> counts =
         mesh ? count_parts(mesh->mesh()) : std::vector<PartCounts>{};
-    const PreparedShape shape =
-        prepare({mesh ? samples : cloud, of_faces.parts, counts}, preparation(options), progress);
+    std::vector<Index> marked;
+    for (const Feature& f : features)
+        marked.push_back((mesh ? mesh->sampled(f, f.source) : f.source).rows.front());
+    const PreparedShape shape = prepare({mesh ? samples : cloud, of_faces.parts, counts, marked},
+                                        preparation(options), progress);
     progress.enter("boundary");
     require_closed(Closed::kLoop, shape, of_faces.border, options.boundary, progress);
 
     progress.enter("decomposition");
     std::vector<Index> rows;
-    for (const Feature& f : features) {
-        const Marked marked = mesh ? mesh->sampled(f, f.source) : f.source;
-        rows.push_back(shape.sorted_rows[to_size(marked.rows.front())]);
-    }
+    for (const Index row : marked) rows.push_back(shape.sorted_rows[to_size(row)]);
     Decomposition cut = decompose(shape.surface(), KdTree<3>(shape.positions), {rows, names},
                                   options.decomposition, progress);
     progress.finish();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "base/grouped.hpp"
@@ -93,7 +94,11 @@ void leave_out_scattered(PreparedShape& shape, std::span<const Index> strays,
 
 void find_normals(PreparedShape& shape, Progress& progress) {
     if (shape.normals_given) return;
-    shape.normals = covariance_analysis(shape.positions, shape.nearest, progress).normals;
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        shape.normals = covariance_analysis(shape.positions, shape.nearest, progress).normals;
+    }
+    const Progress::Part part(progress, 0.5, 1.0);
     orient_normals(shape.positions, shape.nearest, shape.normals, progress);
 }
 
@@ -150,16 +155,25 @@ void make_outward(PreparedShape& shape) {
     shape.normals_reversed = true;
 }
 
-/// Leaves out components that are too small to follow, unless they are much of the shape: the
-/// nearest of the other points stands for each of theirs.
-void leave_out_strays(PreparedShape& shape, const PreparationOptions& options, Progress& progress) {
-    constexpr double kMuch = 0.05;
+/// The sorted rows of those that are marked.
+std::vector<Index> marked_in(const PreparedShape& shape, const ShapeInput& input) {
+    return gather(shape.sorted_rows, input.marked);
+}
+
+/// Leaves out components that are too small to follow, unless they are marked, or much of the
+/// shape: the nearest of the other points stands for each of theirs.
+void leave_out_strays(PreparedShape& shape, const ShapeInput& input,
+                      const PreparationOptions& options, Progress& progress) {
+    const Topology& topology = shape.topology;
+    std::vector<char> is_kept(topology.components.size(), 0);
+    std::fill_n(is_kept.begin(), topology.main().size(), 1);
+    for (const Index i : marked_in(shape, input)) is_kept[to_size(topology.labels[to_size(i)])] = 1;
     std::vector<Index> kept, left_out;
-    const auto main = to_index(shape.topology.main().size());
     for (Index i = 0; i < shape.size(); ++i)
-        (shape.topology.labels[to_size(i)] < main ? kept : left_out).push_back(i);
-    if (left_out.empty() ||
-        static_cast<double>(left_out.size()) > kMuch * static_cast<double>(shape.size()))
+        (is_kept[to_size(topology.labels[to_size(i)])] ? kept : left_out).push_back(i);
+    const auto before = static_cast<double>(shape.left_out);
+    if (left_out.empty() || before + static_cast<double>(left_out.size()) >
+                                kMostStrays * (before + static_cast<double>(shape.size())))
         return;
 
     std::vector<Index> stand_in(to_size(shape.size()));
@@ -180,10 +194,52 @@ void leave_out_strays(PreparedShape& shape, const PreparationOptions& options, P
     shape.given_rows = std::move(given_rows);
     shape.topology.labels = std::move(labels);
     for (Index& sorted : shape.sorted_rows) sorted = stand_in[to_size(sorted)];
-    shape.nearest = nearest_neighbors(tree, options.neighbors, progress);
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        shape.nearest = nearest_neighbors(tree, options.neighbors, progress);
+    }
+    const Progress::Part part(progress, 0.5, 1.0);
     shape.loops.reset();
     find_loops(shape, options.boundary, progress);
     shape.left_out += to_index(left_out.size());
+}
+
+/// Calls `work(k)` for k = 0 … count − 1, one after the other, from `first` to `last` of the stage.
+void one_by_one(int count, Progress& progress, double first, double last,
+                const std::function<void(std::size_t)>& work) {
+    for (int k = 0; k < count; ++k) {
+        const double share = (last - first) / count;
+        const Progress::Part part(progress, first + k * share, first + (k + 1) * share);
+        work(to_size(k));
+    }
+}
+
+/// Fills in the neighborhoods, once scattered points are left out.
+void find_neighborhoods(std::span<PreparedShape> shapes, std::span<const ShapeInput> inputs,
+                        const PreparationOptions& options, Progress& progress) {
+    const auto count = static_cast<int>(shapes.size());
+    std::vector<std::optional<KdTree<3>>> trees(shapes.size());
+    parallel_invoke(count, [&](int k, bool) {
+        PreparedShape& shape = shapes[to_size(k)];
+        trees[to_size(k)].emplace(shape.positions);
+        shape.nearest = room_for_neighbors(shape.size(), options.neighbors);
+    });
+    one_by_one(count, progress, 0.0, 0.7, [&](std::size_t k) {
+        Neighborhoods& nearest = shapes[k].nearest;
+        nearest = nearest_neighbors(*trees[k], std::move(nearest), progress);
+        if (options.keep_trees)
+            shapes[k].kept_tree = std::make_shared<const KdTree<3>>(std::move(*trees[k]));
+    });
+    trees.clear();
+    std::vector<std::vector<Index>> strays(shapes.size());
+    one_by_one(count, progress, 0.7, 0.8, [&](std::size_t k) {
+        if (inputs[k].parts.empty())  // else faces say what is surface
+            strays[k] = stray_points(shapes[k].positions, shapes[k].nearest,
+                                     marked_in(shapes[k], inputs[k]), progress);
+    });
+    one_by_one(count, progress, 0.8, 1.0, [&](std::size_t k) {
+        leave_out_scattered(shapes[k], strays[k], inputs[k], options, progress);
+    });
 }
 
 /// All shapes next to each other, stage by stage.
@@ -196,54 +252,45 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
                     [&](int k, bool) { shapes[to_size(k)] = ordered(inputs[to_size(k)].cloud); });
 
     progress.enter("neighborhoods");
-    {
-        std::vector<std::optional<KdTree<3>>> trees(inputs.size());
-        parallel_invoke(count, [&](int k, bool) {
-            PreparedShape& shape = shapes[to_size(k)];
-            trees[to_size(k)].emplace(shape.positions);
-            shape.nearest = room_for_neighbors(shape.size(), options.neighbors);
-        });
-        for (int k = 0; k < count; ++k) {
-            const Progress::Part part(progress, static_cast<double>(k) / count,
-                                      static_cast<double>(k + 1) / count);
-            Neighborhoods& nearest = shapes[to_size(k)].nearest;
-            nearest = nearest_neighbors(*trees[to_size(k)], std::move(nearest), progress);
-            if (options.keep_trees)
-                shapes[to_size(k)].kept_tree =
-                    std::make_shared<const KdTree<3>>(std::move(*trees[to_size(k)]));
-        }
-    }
-    std::vector<std::vector<Index>> strays(inputs.size());
-    parallel_invoke(count, [&](int k, bool) {
-        const PreparedShape& shape = shapes[to_size(k)];
-        if (inputs[to_size(k)].parts.empty())  // else faces say what is surface
-            strays[to_size(k)] = stray_points(shape.positions, shape.nearest);
-    });
-    for (std::size_t k = 0; k < shapes.size(); ++k)
-        leave_out_scattered(shapes[k], strays[k], inputs[k], options, progress);
+    find_neighborhoods(shapes, inputs, options, progress);
     progress.enter("covariance");
-    for (PreparedShape& shape : shapes) find_normals(shape, progress);
+    one_by_one(count, progress, 0.0, 1.0,
+               [&](std::size_t k) { find_normals(shapes[k], progress); });
 
     progress.enter("topology");
-    parallel_invoke(count, progress, [&](int k, Progress& its) {
-        PreparedShape& shape = shapes[to_size(k)];
-        find_radii(shape);
-        const ShapeInput& input = inputs[to_size(k)];
-        shape = with_topology(std::move(shape), {input.parts, input.counts}, options.boundary,
-                              options.topology, its);
-        make_outward(shape);
-    });
-    for (PreparedShape& shape : shapes) leave_out_strays(shape, options, progress);
+    {
+        const Progress::Part part(progress, 0.0, 0.9);
+        parallel_invoke(count, progress, [&](int k, Progress& its) {
+            PreparedShape& shape = shapes[to_size(k)];
+            find_radii(shape);
+            const ShapeInput& input = inputs[to_size(k)];
+            shape = with_topology(std::move(shape), {input.parts, input.counts}, options.boundary,
+                                  options.topology, its);
+            make_outward(shape);
+        });
+    }
+    one_by_one(count, progress, 0.9, 1.0,
+               [&](std::size_t k) { leave_out_strays(shapes[k], inputs[k], options, progress); });
     return shapes;
+}
+
+/// Rows of points and curves: a region may have some that lie off the surface.
+std::vector<Index> marked_rows(std::span<const Feature> features, Marked Feature::*marked) {
+    std::vector<Index> rows;
+    for (const Feature& feature : features)
+        if (feature.kind != FeatureKind::kRegion)
+            rows.insert(rows.end(), (feature.*marked).rows.begin(), (feature.*marked).rows.end());
+    return rows;
 }
 
 }  // namespace
 
 PreparedShapes prepare_both(const MorphInput& input, const PreparationOptions& options,
                             Progress& progress) {
-    const std::array<ShapeInput, 2> inputs{
-        {{input.source, input.source_parts, input.source_counts},
-         {input.target, input.target_parts, input.target_counts}}};
+    const std::array<ShapeInput, 2> inputs{{{input.source, input.source_parts, input.source_counts,
+                                             marked_rows(input.features, &Feature::source)},
+                                            {input.target, input.target_parts, input.target_counts,
+                                             marked_rows(input.features, &Feature::target)}}};
     std::vector<PreparedShape> shapes = prepare_all(inputs, options, progress);
     return {std::move(shapes[0]), std::move(shapes[1])};
 }

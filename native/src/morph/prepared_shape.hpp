@@ -32,11 +32,12 @@ struct PreparationOptions {
 };
 
 /// The cloud is valid; see validate(). `parts` say which of its points are connected, and
-/// `counts` what is known of each part; empty: found.
+/// `counts` what is known of each part; empty: found. Rows that are `marked` aren't left out.
 struct ShapeInput {
     const Cloud& cloud;
     std::span<const Index> parts{};
     std::span<const PartCounts> counts{};
+    std::vector<Index> marked{};
 };
 
 /// Normalized and in spatial order, so that the order of the given rows doesn't matter. A *given

@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "pointmorph/base/error.hpp"
@@ -182,6 +185,48 @@ TEST(PreparedShape, ScatteredPointsMakeNoDifference) {
         EXPECT_EQ(shape.radii[given], expected.radii[own]);
         EXPECT_EQ(order[to_size(shape.given_rows[to_size(sorted)])], own);
     }
+}
+
+TEST(PreparedShape, MarkedPointsAreNotLeftOut) {
+    Cloud source = ball(2000);
+    source.positions.conservativeResize(2001, 3);
+    source.positions.row(2000) << 5, -3, 5;  // a tip, half as far out as the ball is large
+    const Cloud target = source;
+    Progress progress;
+    EXPECT_EQ(prepared(source).left_out, 1);
+    const std::vector<Feature> features{point_feature("tip", 2000, 17)};
+    const PreparedShapes shapes =
+        prepare_both({.source = source, .target = target, .features = features}, {}, progress);
+    const auto own = [](const PreparedShape& shape, Index given) {
+        return shape.given_rows[to_size(shape.sorted_rows[to_size(given)])];
+    };
+    EXPECT_EQ(own(shapes.source, 2000), 2000);
+    EXPECT_NE(own(shapes.target, 2000), 2000);
+    EXPECT_EQ(shapes.source.left_out, 0);
+    EXPECT_EQ(shapes.target.left_out, 1);
+}
+
+TEST(PreparedShape, ProgressNeverGoesBackward) {
+    Cloud source = ball(3000);
+    source.positions.conservativeResize(3030, 3);
+    source.positions.middleRows(3000, 20) =
+        (10.0 * shapes::cube_noise(20)).rowwise() + Eigen::RowVector3d(30.0, 0.0, 0.0);
+    source.positions.bottomRows(10) =
+        (0.1 * shapes::sphere(10)).rowwise() + Eigen::RowVector3d(0.0, 20.0, 0.0);
+    const Cloud target = source;
+    std::string last_stage;
+    double last = 0.0;
+    Progress progress(
+        [&](std::string_view stage, double fraction) {
+            if (stage == "topology") return true;  // which looks at each component anew
+            const bool is_next = stage != last_stage || fraction >= last - 1e-12;
+            EXPECT_TRUE(is_next) << stage << ", " << last << " to " << fraction;
+            last_stage = stage;
+            last = fraction;
+            return true;
+        },
+        std::chrono::milliseconds(0));
+    EXPECT_GT(prepare_both({.source = source, .target = target}, {}, progress).source.left_out, 0);
 }
 
 TEST(PreparedShape, PointsOfFacesAreNeverLeftOut) {
