@@ -159,8 +159,8 @@ TEST(Rolls, AreToldByMarksNearThemAlone) {
     EXPECT_GT(share_turned(untold_turns(rolls, belt, {})), 0.5);
 }
 
-Pose found(const CoarseShape& source, const CoarseShape& target,
-           const std::vector<IndexPair>& features = {}) {
+Pose worms_pose(const CoarseShape& source, const CoarseShape& target,
+                const std::vector<IndexPair>& features = {}) {
     Progress progress;
     return find_pose({source, target, features}, lighter_where_watched().pose, {}, progress);
 }
@@ -173,7 +173,7 @@ TEST(Rolls, AreNotToldByHowWormsAreBent) {
     const Index count = is_watched() ? 900 : 3000;
     const CoarseShape source = coarse_worm(worm(count, 1.2, 1)),
                       target = coarse_worm(worm(count, 0.8, 2));
-    const Pose pose = found(source, target);
+    const Pose pose = worms_pose(source, target);
     EXPECT_TRUE(has_equal_rival(pose));
     EXPECT_LT(pose.confidence, 0.65);
     const std::vector<Rival> rivals = describe_rivals(source, target, pose);
@@ -189,14 +189,14 @@ TEST(Rolls, AreToldByLegsAndByMarksAlongTheBack) {
     SKIP_WHERE_WATCHED();
     const Index count = 3000;
     EXPECT_FALSE(has_equal_rival(
-        found(coarse_worm(worm(count, 1.2, 1, 12)), coarse_worm(worm(count, 0.8, 2, 12)))));
+        worms_pose(coarse_worm(worm(count, 1.2, 1, 12)), coarse_worm(worm(count, 0.8, 2, 12)))));
     const Worm source = worm(count, 1.2, 1), target = worm(count, 0.8, 2);
     const CoarseShape marked_source = coarse_worm(source, outer_rows(source, 1.2, 5)),
                       marked_target = coarse_worm(target, outer_rows(target, 0.8, 5));
     const std::vector<IndexPair> features{{0, 0}, {1, 1}, {2, 2}, {3, 3}, {4, 4}};
-    EXPECT_FALSE(has_equal_rival(found(marked_source, marked_target, features)));
+    EXPECT_FALSE(has_equal_rival(worms_pose(marked_source, marked_target, features)));
     // A mark at one end leaves the other one open.
-    const Pose one_end = found(marked_source, marked_target, {{0, 0}});
+    const Pose one_end = worms_pose(marked_source, marked_target, {{0, 0}});
     EXPECT_LT(one_end.confidence, 0.85);
 }
 

@@ -22,15 +22,17 @@ Whole box(const Vector3& extents, const Vector3& middle = Vector3::Zero(),
 
 TEST(Whole, DistancesAreOfPlaceAndExtentsAtOnce) {
     const Whole one = box({3, 2, 1});
-    EXPECT_NEAR(distance_between(one, one), 0.0, 1e-6);
-    EXPECT_NEAR(distance_between(one, box({3, 2, 1}, {3, 4, 0})), 5.0, 1e-9);
-    EXPECT_NEAR(distance_between(one, box({3, 5, 5}, {0, 0, 0})), 5.0, 1e-9);
-    EXPECT_NEAR(distance_between(one, box({3, 2, 5}, {3, 0, 0})), 5.0, 1e-9);
+    EXPECT_NEAR(DistanceFrom(one)(one), 0.0, 1e-6);
+    EXPECT_NEAR(DistanceFrom(one)(box({3, 2, 1}, {3, 4, 0})), 5.0, 1e-9);
+    EXPECT_NEAR(DistanceFrom(one)(box({3, 5, 5}, {0, 0, 0})), 5.0, 1e-9);
+    EXPECT_NEAR(DistanceFrom(one)(box({3, 2, 5}, {3, 0, 0})), 5.0, 1e-9);
     // Both turned alike; and the same the other way round.
     const Matrix3 turn = shapes::rotation(3);
     const Whole a = box({3, 2, 1}, {1, 2, 3}, turn), b = box({1, 2, 3}, {1, 2, 3}, turn);
-    EXPECT_NEAR(distance_between(a, b), std::sqrt(8.0), 1e-9);
-    EXPECT_NEAR(distance_between(b, a), distance_between(a, b), 1e-9);
+    EXPECT_NEAR(DistanceFrom(a)(b), std::sqrt(8.0), 1e-9);
+    EXPECT_NEAR(DistanceFrom(b)(a), DistanceFrom(a)(b), 1e-9);
+    for (const double place : {0.0, 0.5, 1.0})
+        EXPECT_LE(DistanceFrom(one).at_least(b, place), DistanceFrom(one)(b, place) + 1e-12);
 }
 
 TEST(Whole, TheAxisIsTheLengthOfARodAndTheNormalOfAPlate) {
