@@ -41,6 +41,12 @@ class Registration:
     commands: tuple = ()
 
 
+def on_other_states(function):
+    """Handlers that call it when a file is opened, and after undo and redo: what is remembered of
+    the objects doesn't hold for these."""
+    return tuple((event, function) for event in ("load_post", "undo_post", "redo_post"))
+
+
 _drawn = []  # what draw_handler_remove() wants
 _commands = []  # what unregister_cli_command() wants
 

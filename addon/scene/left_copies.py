@@ -7,7 +7,7 @@ import bpy
 from ..core import background_job
 from ..data.feature_list import feature_names
 from ..data.references import reference_to
-from ..data.registration import Registration, stop_timer
+from ..data.registration import Registration, on_other_states, stop_timer
 from . import as_shown, morph_builder, morph_object, recipes, staleness
 
 _LATER = 0.5  # seconds
@@ -126,8 +126,6 @@ registration = Registration(
     stop=_stop,
     handlers=(
         ("depsgraph_update_post", _note_changes),
-        ("load_post", _forget),
-        ("undo_post", _forget),
-        ("redo_post", _forget),
+        *on_other_states(_forget),
     ),
 )

@@ -4,12 +4,10 @@ import bpy
 
 from ..core import background_job, done_steps
 from ..data.feature_list import sync_features
-from ..data.registration import Registration
+from ..data.registration import Registration, on_other_states
 from ..operators import polls
 from ..scene import cached_frames, preview_object, stagger
 from ..view import cut_curves
-
-_OTHER_STATES = ("load_post", "undo_post", "redo_post")
 
 
 def _sync(*_):
@@ -36,8 +34,8 @@ registration = Registration(
         ("depsgraph_update_post", _sync),
         ("depsgraph_update_post", stagger.share_changes),
         ("depsgraph_update_post", cached_frames.separate_copies),
-        *((event, _sync) for event in _OTHER_STATES),
-        *((event, _start_anew) for event in _OTHER_STATES),
-        *((event, polls.forget_results) for event in _OTHER_STATES),
+        *on_other_states(_sync),
+        *on_other_states(_start_anew),
+        *on_other_states(polls.forget_results),
     ),
 )

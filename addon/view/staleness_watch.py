@@ -10,7 +10,7 @@ import bpy
 
 from ..core.stepping import go_on
 from ..data import areas
-from ..data.registration import Registration, stop_timer
+from ..data.registration import Registration, on_other_states, stop_timer
 from ..scene import morph_object, recipes, staleness
 
 _PAUSE = 0.6  # seconds
@@ -111,8 +111,6 @@ registration = Registration(
     stop=_stop,
     handlers=(
         ("depsgraph_update_post", _note_changes),
-        ("load_post", _forget),
-        ("undo_post", _forget),
-        ("redo_post", _forget),
+        *on_other_states(_forget),
     ),
 )

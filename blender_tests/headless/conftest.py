@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
@@ -130,3 +131,21 @@ def output():
     folder = folder / ".".join(map(str, bpy.app.version[:2]))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+@pytest.fixture
+def mirrored(settings):
+    """A source that a modifier doubles, with a material, a UV map and weights; and a target."""
+    settings.show_as = "MESH"
+    positions, faces = scenes.patch(8)
+    source = scenes.add_mesh("Half", positions + np.array([1, 0, 0], np.float32), faces)
+    source.location = (1, 2, 3)
+    source.data.materials.append(bpy.data.materials.new("Skin"))
+    source.data.uv_layers.new(name="Layout")
+    scenes.add_group(source, "bone", {3: 0.5})
+    source.modifiers.new("Twice", "MIRROR").use_mirror_merge = False
+    target = scenes.add_mesh("Dune", *scenes.patch(9, bump=0.8))
+    scenes.pick(source, target)
+    settings.domain = "disk"
+    bpy.context.view_layer.update()
+    return source
