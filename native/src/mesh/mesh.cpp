@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "base/angle.hpp"
-#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/welding.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
@@ -108,7 +108,7 @@ void find_areas(Mesh& mesh) {
 
 void find_parts(Mesh& mesh) {
     const auto count = to_index(mesh.positions.rows());
-    JoinedRows joined(to_size(count));
+    GrowingComponents joined(count);
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
         for (Index k = 1; k < 3; ++k) joined.join(mesh.triangles(f, 0), mesh.triangles(f, k));
     Values areas = Values::Zero(count);

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 
 namespace pointmorph {
 
@@ -39,7 +39,7 @@ std::vector<PartCounts> count_parts(const Mesh& mesh) {
 
     const MeshEdges edges(mesh.triangles);
     // Corners of triangles, numbered 3 f + k, joined where they are of one fan.
-    JoinedRows fans(static_cast<std::size_t>(mesh.triangles.size()));
+    GrowingComponents fans(to_index(mesh.triangles.size()));
     for (Index e = 0; e < edges.size(); ++e) {
         const auto sides = edges[e];
         const std::size_t part = part_of(start_of(mesh.triangles, sides.front()));

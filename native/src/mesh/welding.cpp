@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "base/angle.hpp"
-#include "base/joined_rows.hpp"
 #include "mesh/mesh_edges.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 
 namespace pointmorph {
 
@@ -23,7 +23,7 @@ using Side = MeshEdges::Side;
 /// Joins the corners of triangles at edges.
 class Seams {
 public:
-    Seams(const Mesh& mesh, JoinedRows& vertices) : mesh_(mesh), vertices_(vertices) {
+    Seams(const Mesh& mesh, GrowingComponents& vertices) : mesh_(mesh), vertices_(vertices) {
         double volume = 0.0;  // six times
         for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f) {
             const auto corner = [&](Index k) -> Vector3 {
@@ -112,13 +112,13 @@ private:
     }
 
     const Mesh& mesh_;
-    JoinedRows& vertices_;
+    GrowingComponents& vertices_;
     std::vector<Side> alone_;
     bool inward_ = false;  ///< whether faces show their inside
 };
 
 /// Joins vertices that no triangle has to those that stand for them.
-void take_unused(const Polygons& faces, const Mesh& mesh, JoinedRows& vertices) {
+void take_unused(const Polygons& faces, const Mesh& mesh, GrowingComponents& vertices) {
     std::vector<char> is_used(mesh.places.size(), 0);
     for (Index c = 0; c < mesh.vertices.size(); ++c)
         is_used[to_size(mesh.vertices(c / 3, c % 3))] = 1;
@@ -173,22 +173,15 @@ void weld(const Positions& vertices, Mesh& mesh) {
 
 void part_what_touches(const Polygons& faces, Mesh& mesh) {
     if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return;
-    JoinedRows vertices(mesh.places.size());
+    GrowingComponents vertices(to_index(mesh.places.size()));
     const MeshEdges edges(mesh.triangles);
     Seams seams(mesh, vertices);
     for (Index e = 0; e < edges.size(); ++e) seams.close(edges[e]);
     take_unused(faces, mesh, vertices);
 
-    std::vector<Index> spots, places(mesh.places.size());
-    for (Index v = 0; v < to_index(places.size()); ++v) {
-        const Index root = vertices.root(v);
-        if (root == v) {
-            places[to_size(v)] = to_index(spots.size());
-            spots.push_back(mesh.places[to_size(v)]);
-        } else {
-            places[to_size(v)] = places[to_size(root)];
-        }
-    }
+    std::vector<Index> places = vertices.components().label, spots;
+    for (std::size_t v = 0; v < places.size(); ++v)
+        if (to_size(places[v]) == spots.size()) spots.push_back(mesh.places[v]);
     if (to_index(spots.size()) == to_index(mesh.positions.rows())) return;
     mesh.positions = gather(mesh.positions, spots);
     mesh.places = std::move(places);

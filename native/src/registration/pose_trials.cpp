@@ -83,6 +83,12 @@ double dearer_by_turning(const PoseSearch& search, const Similarity& implied_ali
     return 1.0 + (options.as_given - 1.0) * std::min(1.0, angle / options.as_given_angle);
 }
 
+double dearer_by_turning(const PoseSearch& search, const Candidate& map) {
+    return dearer_by_turning(
+        search, implied_pose(search.source.full.positions, map.registration.source_points.positions,
+                             map.alignment));
+}
+
 /// A trial at its end, whose energy has been all but for likeness so far.
 Trial with_likeness(const PoseSearch& search, Trial trial) {
     if (!search.counts_likeness) return trial;
@@ -286,10 +292,7 @@ void rate(const PoseSearch& search, Candidate& map) {
     const Registration& its = map.registration;
     map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
                                      search.distances, search.registration, silent);
-    map.energy =
-        map.misfit.energy() *
-        dearer_by_turning(search, implied_pose(search.source.full.positions,
-                                               its.source_points.positions, map.alignment));
+    map.energy = map.misfit.energy() * dearer_by_turning(search, map);
     if (search.has_symmetries() || search.counts_likeness) {
         const Positions of_source = map.alignment.inverse().apply(
                             gather(its.source_points.positions, search.source.full_rows)),
@@ -426,19 +429,14 @@ std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& m
     // little; where the samples are the same on both shapes, the map itself costs much less. But
     // the target may be rotated more from how it was given.
     constexpr double kLittle = 1.25;
-    const auto turned = [&](const Candidate& its) {
-        return dearer_by_turning(
-            search, implied_pose(search.source.full.positions,
-                                 its.registration.source_points.positions, its.alignment));
-    };
-    const double of_map = turned(map);
+    const double of_map = dearer_by_turning(search, map);
     return each<Candidate>(
         motions,
         [&](const SelfMotion& motion) {
             Candidate other =
                 followed_by_motion(map, search.source.full, search.target.full, motion);
             rate(search, other);
-            const double more = std::max(1.0, turned(other) / of_map);
+            const double more = std::max(1.0, dearer_by_turning(search, other) / of_map);
             if (other.cost < kLittle * more * map.cost) {
                 other.energy = more * map.energy;
                 other.cost = more * map.cost;

@@ -76,16 +76,15 @@ public:
         const Index a = root(i), b = root(j);
         parent_[to_size(a < b ? b : a)] = a < b ? a : b;
     }
-    ConnectedComponents components();
-
-private:
-    /// The lowest row of a component.
+    /// The lowest row of the component that a row is in so far.
     Index root(Index i) {
         while (parent_[to_size(i)] != i)
             i = parent_[to_size(i)] = parent_[to_size(parent_[to_size(i)])];
         return i;
     }
+    ConnectedComponents components();
 
+private:
     std::vector<Index> parent_;  ///< no row above the point's own
 };
 
