@@ -188,11 +188,11 @@ void sink_parts(const Mesh& mesh, std::span<const Index> parts, const Mesh& surf
     const double below = kBelow * std::sqrt(surface.area());
     const TriangleTree tree(surface.positions, surface.triangles, progress);
     const auto of_parts = places_of_parts(mesh);
-    for (const Index part : parts)
+    const auto sink = [&](const std::vector<Index>& places) {
         for (int step = 0; step < kSteps; ++step) {
             double most = 0.0;
             Vector3 outward = Vector3::Zero();
-            for (const Index place : of_parts[to_size(part)]) {
+            for (const Index place : places) {
                 const Vector3 at = x.row(place).transpose();
                 const SurfacePoint on = tree.closest(at);
                 const Vector3 normal = surface.normals.row(on.triangle).transpose();
@@ -200,10 +200,17 @@ void sink_parts(const Mesh& mesh, std::span<const Index> parts, const Mesh& surf
                 const Vector3 foot = place_of(on, surface.triangles, surface.positions);
                 most = std::max(most, (at - foot).dot(normal));
             }
-            if (!(most > 0.0) || outward.isZero()) break;
+            if (!(most > 0.0) || outward.isZero()) return;
             const Eigen::RowVector3d way = (most + below) * outward.normalized().transpose();
-            for (const Index place : of_parts[to_size(part)]) x.row(place) -= way;
+            for (const Index place : places) x.row(place) -= way;
         }
+    };
+    parallel_for(
+        to_index(parts.size()), progress,
+        [&](Index begin, Index end) {
+            for (Index k = begin; k < end; ++k) sink(of_parts[to_size(parts[to_size(k)])]);
+        },
+        0.0, 1.0, 1);
 }
 
 }  // namespace pointmorph

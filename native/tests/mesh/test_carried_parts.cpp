@@ -3,8 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <chrono>
+#include <string_view>
+#include <vector>
 
 #include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/mesh/mesh_samples.hpp"
@@ -126,7 +130,17 @@ TEST(CarriedParts, SinkIntoWhatHasNothingForThem) {
     const Positions before = face.places_of(1, x);
     ASSERT_GT(before.rowwise().norm().maxCoeff(), 1.05 * radius);
     Progress progress;
-    sink_parts(face.mesh, std::vector<Index>{1, 2}, skin, x, progress);
+    const std::vector<Index> parts{1, 2};
+    Positions alone = x;
+    sink_parts(face.mesh, parts, skin, x, progress);
+    {
+        const ThreadCount one(1);
+        sink_parts(face.mesh, parts, skin, alone, progress);
+        EXPECT_EQ(alone, x);
+        Progress cancel([](std::string_view, double fraction) { return fraction < 0.5; },
+                        std::chrono::milliseconds(0));
+        EXPECT_THROW(sink_parts(face.mesh, parts, skin, alone, cancel), Cancelled);
+    }
     const Positions after = face.places_of(1, x);
     EXPECT_LT(after.rowwise().norm().maxCoeff(), radius);
     EXPECT_GT(after.rowwise().norm().maxCoeff(), 0.97 * radius);
