@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <deque>
 #include <limits>
@@ -33,9 +34,9 @@ double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& 
 class Energy {
 public:
     Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
-           const MeshPatch& patch, std::vector<Index>& number, const UntangleOptions& options,
-           const Positions& start, const Values& shares)
-        : mesh_(mesh), planes_(planes), patch_(patch), number_(number) {
+           const MeshPatch& patch, const UntangleOptions& options, const Positions& start,
+           const Values& shares)
+        : mesh_(mesh), planes_(planes), patch_(patch) {
         for (const Index f : patch.faces) {
             const Vector3 normal = plane_at(mesh, planes, f);
             Face face;
@@ -46,15 +47,20 @@ public:
             const Matrix2 sides = options.sides ? options.sides(f) : sheet.metric_sides(f);
             face.inverse = sides.inverse();
             face.area = 0.5 * std::abs(sides.determinant());
+            for (Index k = 0; k < 3; ++k) {
+                const Index corner = mesh.triangles(f, k);
+                const auto at = std::ranges::lower_bound(patch.vertices, corner);
+                face.numbers[to_size(k)] = at != patch.vertices.end() && *at == corner
+                                               ? to_index(at - patch.vertices.begin())
+                                               : -1;
+            }
             faces_.push_back(face);
         }
         const double plane_length = options.plane_length;
         weights_ = Values::Zero(static_cast<Eigen::Index>(patch.vertices.size()));
-        for (std::size_t i = 0; i < patch.faces.size(); ++i)
-            for (Index k = 0; k < 3; ++k) {
-                const Index v = number_[to_size(mesh.triangles(patch.faces[i], k))];
-                if (v >= 0) weights_[v] += faces_[i].area / 3.0 / (plane_length * plane_length);
-            }
+        for (const Face& face : faces_)
+            for (const Index v : face.numbers)
+                if (v >= 0) weights_[v] += face.area / 3.0 / (plane_length * plane_length);
         if (!(options.reach > 0.0)) return;
         constexpr double kLeast = 0.05;
         const double scale = plane_length / options.reach;
@@ -95,7 +101,7 @@ public:
                             Matrix2((2.0 * j + by_root * of_determinant) / chi))
                     : Sides(faces_[i].area *
                             (2.0 * in_space + axes.transpose() * (by_root * of_determinant)) / chi);
-            add(*gradient, patch_.faces[i], by_jacobian * faces_[i].inverse.transpose());
+            add(*gradient, faces_[i], by_jacobian * faces_[i].inverse.transpose());
         }
         for (std::size_t v = 0; v < patch_.vertices.size(); ++v) {
             const Index vertex = patch_.vertices[v];
@@ -121,6 +127,7 @@ private:
         Eigen::Matrix<double, 2, 3> axes;
         Matrix2 inverse;
         double area;
+        std::array<Index, 3> numbers;  ///< of its corners in the patch; −1 for those that stay
     };
 
     Sides sides_at(std::size_t i, const Positions& x) const {
@@ -134,20 +141,18 @@ private:
         return faces_[i].axes * sides_at(i, x) * faces_[i].inverse;
     }
 
-    void add(Eigen::VectorXd& gradient, Index f, const Sides& by_sides) const {
-        const auto t = mesh_.triangles.row(f);
-        const auto put = [&](Index vertex, const Vector3& g) {
-            if (const Index v = number_[to_size(vertex)]; v >= 0) gradient.segment<3>(3 * v) += g;
+    static void add(Eigen::VectorXd& gradient, const Face& face, const Sides& by_sides) {
+        const auto put = [&](Index v, const Vector3& g) {
+            if (v >= 0) gradient.segment<3>(3 * v) += g;
         };
-        put(t[0], -by_sides.col(0) - by_sides.col(1));
-        put(t[1], by_sides.col(0));
-        put(t[2], by_sides.col(1));
+        put(face.numbers[0], -by_sides.col(0) - by_sides.col(1));
+        put(face.numbers[1], by_sides.col(0));
+        put(face.numbers[2], by_sides.col(1));
     }
 
     const Mesh& mesh_;
     const WrapPartners& planes_;
     const MeshPatch& patch_;
-    const std::vector<Index>& number_;  ///< of the patch's vertices; −1 for all others
     std::vector<Face> faces_;
     Values weights_;
     Values pulls_;     ///< toward `start_`; none where nothing pulls
@@ -299,15 +304,12 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     parallel_for(
         to_index(patches.size()), progress,
         [&](Index begin, Index end) {
-            std::vector<Index> number(to_size(x.rows()), -1);
             for (Index p = begin; p < end; ++p) {
                 const MeshPatch& patch = patches[to_size(p)];
                 if (patch.vertices.empty()) continue;
-                for (std::size_t v = 0; v < patch.vertices.size(); ++v)
-                    number[to_size(patch.vertices[v])] = to_index(v);
                 const Values shares = shares_of(patch, sheet, of_faces);
                 const Positions before_all = x(patch.vertices, Eigen::all);
-                const Energy energy(mesh, sheet, planes, patch, number, options, x, shares);
+                const Energy energy(mesh, sheet, planes, patch, options, x, shares);
                 double least = energy.least_determinant(x);
                 constexpr double kHard = 1e-3, kRough = 1e-6, kExact = 1e-13;
                 for (int round = 0; round < options.most_rounds; ++round) {
@@ -320,7 +322,6 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                 if (options.is_exact) descend(energy, patch, kHard, 1000, kExact, x);
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v) {
                     const Index vertex = patch.vertices[v];
-                    number[to_size(vertex)] = -1;
                     if (const double share = shares[to_index(v)]; share < 1.0)
                         x.row(vertex) =
                             (1.0 - share) * before_all.row(to_index(v)) + share * x.row(vertex);
