@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 
+#include "base/grouped.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/sampling.hpp"
@@ -131,7 +132,17 @@ public:
         triangles_.resize(parts);
         for (Index f = 0; f < mesh.triangles.rows(); ++f)
             triangles_[to_size(mesh.parts[to_size(mesh.triangles(f, 0))])].push_back(f);
+        const auto of_parts = [&](std::size_t count, auto&& place) {
+            return Grouped<Index>(to_index(parts), [&](auto&& take) {
+                for (std::size_t k = 0; k < count; ++k)
+                    if (const Index part = mesh.parts[to_size(place(k))]; part >= 0)
+                        take(part, to_index(k));
+            });
+        };
+        kept_of_ = of_parts(kept.size(), [&](std::size_t k) { return kept[k]; });
         if (mesh.borders.empty()) return;
+        borders_of_ =
+            of_parts(mesh.borders.size(), [&](std::size_t b) { return mesh.borders[b].front(); });
         std::vector<char> is_border(mesh.parts.size(), 0);
         for (const std::vector<Index>& border : mesh.borders)
             for (const Index place : border) is_border[to_size(place)] = 1;
@@ -177,9 +188,8 @@ private:
         PartCandidates from;
         add_kept(part, from);
         const double spacing = std::sqrt(mesh_.part_areas[part] / even);
-        for (std::size_t b = 0; b < mesh_.borders.size(); ++b)
-            if (mesh_.parts[to_size(mesh_.borders[b].front())] == part)
-                add_border(b, spacing, from);
+        if (!mesh_.borders.empty())
+            for (const Index b : borders_of_[part]) add_border(to_size(b), spacing, from);
         if (options_.even) add_sharp_edges(part, even, spacing, edges, from.places);
         from.fixed = from.places.size();
         const Index count = std::max(even, from.fixed);
@@ -221,13 +231,12 @@ private:
     }
 
     void add_kept(Index part, PartCandidates& from) const {
-        for (std::size_t k = 0; k < kept_.size(); ++k) {
-            const Index place = kept_[k];
-            if (mesh_.parts[to_size(place)] != part) continue;
+        for (const Index k : kept_of_[part]) {
+            const Index place = kept_[to_size(k)];
             Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
             at[some_.corner[to_size(place)]] = 1.0;
             from.places.add(some_.triangle[to_size(place)], at, mesh_.place_normals.row(place));
-            from.kept.push_back(to_index(k));
+            from.kept.push_back(k);
         }
     }
 
@@ -347,6 +356,7 @@ private:
     std::span<const Index> kept_;
     double spacing_ = 0.0;
     std::vector<std::vector<Index>> triangles_;  ///< of each part
+    Grouped<Index> kept_of_, borders_of_;        ///< of each part
     std::vector<std::vector<Index>> around_;     ///< triangles at each place of a border
 };
 

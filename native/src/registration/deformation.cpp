@@ -4,7 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numeric>
+#include <optional>
+#include <utility>
 
 #include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -18,8 +21,25 @@ constexpr int kNodes = kNodesPerPoint;
 constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
 constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
 
+constexpr double kEndless = std::numeric_limits<double>::infinity();
+
 /// Nodes near every point, ascending by distance: (distance, node).
 using Nearby = std::vector<std::vector<std::pair<double, Index>>>;
+
+/// The first that `is_wanted` says of, as search.from(source, limit) has it: within a reach that
+/// grows, since most are near. A row of −1 where there is none.
+template <class IsWanted>
+std::pair<Index, double> first_near(GeodesicSearch& search, Index source, double reach,
+                                    double limit, IsWanted&& is_wanted) {
+    constexpr int kSteps = 5;
+    for (int step = 0; step <= kSteps; ++step, reach *= 2.0) {
+        const bool is_last = step == kSteps || !(reach < limit);
+        for (const auto& [i, distance] : search.from(source, is_last ? limit : reach))
+            if (is_wanted(i)) return {i, distance};
+        if (is_last) break;
+    }
+    return {-1, limit};
+}
 
 Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progress& progress) {
     const auto count = to_index(subset.rows.size());
@@ -47,11 +67,10 @@ Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progre
         for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
         GeodesicSearch search(graph);
         for (const Index i : lost) {
-            for (const auto& [j, distance] : search.from(i))
-                if (node_of[to_size(j)] >= 0) {
-                    nearby[to_size(i)].emplace_back(distance, node_of[to_size(j)]);
-                    break;
-                }
+            const auto [j, distance] =
+                first_near(search, i, 2.0 * kReach * subset.radius, kEndless,
+                           [&](Index row) { return node_of[to_size(row)] >= 0; });
+            if (j >= 0) nearby[to_size(i)].emplace_back(distance, node_of[to_size(j)]);
             progress.report(0.8);
         }
     }
@@ -75,6 +94,9 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
         list.erase(std::ranges::unique(list).begin(), list.end());
     }
     // Parts that lie far from the rest (an eyeball): walk on from each until another part is met.
+    std::vector<Index> node_of(to_size(graph.size()), -1);
+    for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
+    std::optional<GeodesicSearch> search;
     for (;;) {
         std::vector<Index> part(to_size(count), -1), sizes;
         for (Index k = 0; k < count; ++k) {
@@ -98,20 +120,19 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
         if (sizes.size() <= 1) return edges;
         // From the smallest part: the search stays short.
         const auto smallest = to_index(std::ranges::min_element(sizes) - sizes.begin());
-        std::vector<Index> node_of(to_size(graph.size()), -1);
-        for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
-        GeodesicSearch search(graph);
-        double shortest = std::numeric_limits<double>::infinity();
+        if (!search) search.emplace(graph);
+        double shortest = kEndless;
         IndexPair bridge{-1, -1};
         for (Index k = 0; k < count; ++k) {
             if (part[to_size(k)] != smallest) continue;
-            for (const auto& [i, distance] : search.from(subset.rows[to_size(k)], shortest)) {
-                const Index other = node_of[to_size(i)];
-                if (other < 0 || part[to_size(other)] == smallest) continue;
-                shortest = distance;
-                bridge = {k, other};
-                break;
-            }
+            const auto [i, distance] = first_near(
+                *search, subset.rows[to_size(k)], kReach * subset.radius, shortest, [&](Index row) {
+                    const Index other = node_of[to_size(row)];
+                    return other >= 0 && part[to_size(other)] != smallest;
+                });
+            if (i < 0) continue;
+            shortest = distance;
+            bridge = {k, node_of[to_size(i)]};
         }
         if (bridge.source < 0) return edges;  // the surface graph itself falls apart
         edges[to_size(bridge.source)].push_back(bridge.target);

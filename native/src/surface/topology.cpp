@@ -9,6 +9,7 @@
 #include <queue>
 #include <utility>
 
+#include "base/grouped.hpp"
 #include "base/median.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -176,16 +177,20 @@ std::vector<Index> found_parts(const SampledSurface& surface, const Values& spac
     return by_size(std::move(components.label), components.count());
 }
 
-/// Rows of one component, coincident points once; every n-th where there are more than `most`.
-std::vector<Index> sampled_rows(std::span<const Index> labels, std::span<const Index> first,
-                                Index component, Index most) {
-    std::vector<Index> rows;
-    for (std::size_t i = 0; i < labels.size(); ++i)
-        if (labels[i] == component && first[i] == to_index(i)) rows.push_back(to_index(i));
+/// Rows of each component, coincident points once.
+Grouped<Index> rows_of_components(const Topology& topology, std::span<const Index> first) {
+    return {to_index(topology.components.size()), [&](auto&& take) {
+                for (std::size_t i = 0; i < first.size(); ++i)
+                    if (first[i] == to_index(i)) take(topology.labels[i], to_index(i));
+            }};
+}
+
+/// Every n-th where there are more than `most`.
+std::vector<Index> thinned(std::span<const Index> rows, Index most) {
     const auto step = (rows.size() + to_size(most) - 1) / to_size(most);
-    for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
-    rows.resize((rows.size() + step - 1) / step);
-    return rows;
+    std::vector<Index> result;
+    for (std::size_t k = 0; k < rows.size(); k += step) result.push_back(rows[k]);
+    return result;
 }
 
 /// Points of one component, none twice, joined along the surface.
@@ -439,6 +444,7 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
 
     const auto count = to_index(result.components.size());
     const std::vector<const PartCounts*> known = counted(result, parts);
+    const Grouped<Index> rows = rows_of_components(result, first);
     for (Index c = 0; c < count - result.strays; ++c) {
         Component& component = result.components[to_size(c)];
         if (const PartCounts* counts = known[to_size(c)]) {
@@ -447,8 +453,7 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
             component.genus = counts->genus;
         } else {
             const Sampled sampled{surface, loops, result.labels, options.cells};
-            sampled.look_at(component, c, sampled_rows(result.labels, first, c, options.points),
-                            progress);
+            sampled.look_at(component, c, thinned(rows[c], options.points), progress);
         }
         progress.report(static_cast<double>(c + 1) / count);
     }
