@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "base/angle.hpp"
+#include "base/grouped.hpp"
+#include "cloud/closed_length.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/welding.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
@@ -175,50 +177,49 @@ void find_normals(Mesh& mesh) {
     }
 }
 
-double length_of(const Positions& positions, std::span<const Index> loop) {
-    double length = 0.0;
-    for (std::size_t k = 0; k < loop.size(); ++k)
-        length += (positions.row(loop[(k + 1) % loop.size()]) - positions.row(loop[k])).norm();
-    return length;
+/// Simple loops: where borders meet in a place, they are parted there.
+std::vector<std::vector<Index>> simple_borders(const MeshEdges& edges, const Mesh& mesh) {
+    const Grouped<Index> next(to_index(mesh.positions.rows()), [&](auto&& take) {
+        for (Index e = 0; e < edges.size(); ++e)
+            if (edges[e].size() == 1)
+                take(start_of(mesh.triangles, edges[e].front()),
+                     end_of(mesh.triangles, edges[e].front()));
+    });
+    std::vector<std::size_t> left;  // of the ways on from each place: the last is taken first
+    for (Index p = 0; p < next.size(); ++p) left.push_back(next[p].size());
+    std::vector<std::vector<Index>> borders;
+    std::vector<Index> path, place_in_path(left.size(), -1);
+    for (Index start = 0; start < next.size(); ++start)
+        while (left[to_size(start)] > 0) {
+            path.clear();
+            Index at = start;
+            for (;;) {
+                if (place_in_path[to_size(at)] >=
+                    0) {  // a loop closes; the path goes on from its start
+                    const auto first = path.begin() + place_in_path[to_size(at)];
+                    std::vector<Index> loop(first, path.end());
+                    for (const Index p : loop) place_in_path[to_size(p)] = -1;
+                    path.erase(first, path.end());
+                    if (loop.size() > 2) borders.push_back(std::move(loop));
+                }
+                if (left[to_size(at)] == 0) break;
+                place_in_path[to_size(at)] = to_index(path.size());
+                path.push_back(at);
+                at = next[at][--left[to_size(at)]];
+            }
+            for (const Index p : path) place_in_path[to_size(p)] = -1;
+        }
+    return borders;
 }
 
-/// Simple loops: where borders meet in a place, they are parted there.
+/// The longest first.
 void find_borders(const MeshEdges& edges, Mesh& mesh) {
-    std::vector<std::vector<Index>> next(to_size(mesh.positions.rows()));
-    std::vector<Index> starts;
-    for (Index e = 0; e < edges.size(); ++e) {
-        if (edges[e].size() != 1) continue;
-        const Index from = start_of(mesh.triangles, edges[e].front());
-        next[to_size(from)].push_back(end_of(mesh.triangles, edges[e].front()));
-        starts.push_back(from);
-    }
-    std::ranges::sort(starts);
-    std::vector<Index> path, place_in_path(to_size(mesh.positions.rows()), -1);
-    for (const Index start : starts) {
-        path.clear();
-        Index at = start;
-        for (;;) {
-            if (place_in_path[to_size(at)] >=
-                0) {  // a loop closes; the path goes on from its start
-                const auto first = to_size(place_in_path[to_size(at)]);
-                std::vector<Index> loop(path.begin() + static_cast<std::ptrdiff_t>(first),
-                                        path.end());
-                for (const Index p : loop) place_in_path[to_size(p)] = -1;
-                path.resize(first);
-                if (loop.size() > 2) mesh.borders.push_back(std::move(loop));
-            }
-            if (next[to_size(at)].empty()) break;
-            place_in_path[to_size(at)] = to_index(path.size());
-            path.push_back(at);
-            const Index to = next[to_size(at)].back();
-            next[to_size(at)].pop_back();
-            at = to;
-        }
-        for (const Index p : path) place_in_path[to_size(p)] = -1;
-    }
-    std::ranges::stable_sort(mesh.borders, std::greater{}, [&](const std::vector<Index>& loop) {
-        return length_of(mesh.positions, loop);
-    });
+    std::vector<std::vector<Index>> borders = simple_borders(edges, mesh);
+    std::vector<std::pair<double, std::size_t>> order;
+    for (std::size_t b = 0; b < borders.size(); ++b)
+        order.emplace_back(-closed_length(mesh.positions, borders[b]), b);
+    std::ranges::sort(order);
+    for (const auto& [length, b] : order) mesh.borders.push_back(std::move(borders[b]));
 }
 
 /// How good a triangle is as a piece of a polygon that faces along `normal`: its height over its
@@ -332,10 +333,7 @@ Mesh make_mesh(const Cloud& cloud) {
 double border_length(const Mesh& mesh) {
     double length = 0.0;
     for (const std::vector<Index>& border : mesh.borders)
-        for (std::size_t k = 0; k < border.size(); ++k)
-            length += (mesh.positions.row(border[(k + 1) % border.size()]) -
-                       mesh.positions.row(border[k]))
-                          .norm();
+        length += closed_length(mesh.positions, border);
     const double area = mesh.area();
     return area > 0.0 ? length / std::sqrt(area) : 0.0;
 }

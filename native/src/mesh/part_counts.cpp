@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "cloud/closed_length.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 
@@ -63,11 +64,7 @@ std::vector<PartCounts> count_parts(const Mesh& mesh) {
         if (c % 3 == 0) ++euler[part_of(place)];
     }
     for (const std::vector<Index>& border : mesh.borders) {
-        double length = 0.0;
-        for (std::size_t k = 0; k < border.size(); ++k)
-            length += (mesh.positions.row(border[(k + 1) % border.size()]) -
-                       mesh.positions.row(border[k]))
-                          .norm();
+        const double length = closed_length(mesh.positions, border);
         const std::size_t number = part_of(border.front());
         if (is_slit(mesh, border, length)) {
             ++euler[number];

@@ -10,6 +10,7 @@
 #include <unordered_set>
 #include <utility>
 
+#include "cloud/closed_length.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/surface/sampled_surface.hpp"
 #include "surface/outside.hpp"
@@ -361,11 +362,7 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
 }
 
 double loop_length(const Positions& positions, std::span<const Index> loop) {
-    double length = 0.0;
-    for (std::size_t k = 0; k < loop.size(); ++k)
-        length +=
-            (positions.row(loop[k + 1 < loop.size() ? k + 1 : 0]) - positions.row(loop[k])).norm();
-    return length;
+    return closed_length(positions, loop);
 }
 
 }  // namespace pointmorph
