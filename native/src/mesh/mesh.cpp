@@ -305,7 +305,7 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     ask();
     take_triangles(cloud.faces, mesh);
     ask();
-    part_what_touches(cloud.faces, mesh);
+    part_what_touches(cloud.faces, mesh, progress);
     ask();
     find_areas(mesh);
     MeshEdges edges(mesh.triangles);

@@ -23,7 +23,8 @@ using Side = MeshEdges::Side;
 /// Joins the corners of triangles at edges.
 class Seams {
 public:
-    Seams(const Mesh& mesh, GrowingComponents& vertices) : mesh_(mesh), vertices_(vertices) {
+    Seams(const Mesh& mesh, GrowingComponents& vertices, Progress& progress)
+        : mesh_(mesh), vertices_(vertices), progress_(progress) {
         double volume = 0.0;  // six times
         for (Index f = 0; f < to_index(mesh.triangles.rows()); ++f) {
             const auto corner = [&](Index k) -> Vector3 {
@@ -42,9 +43,11 @@ public:
         }
         // Those with no other triangle at the same two vertices.
         alone_.clear();
+        std::vector<std::array<Index, 2>> all;
+        for (const Side& side : sides) all.push_back(ends(side));
+        std::ranges::sort(all);
         for (const Side& side : sides)
-            if (std::ranges::count(sides, ends(side), [&](const Side& s) { return ends(s); }) == 1)
-                alone_.push_back(side);
+            if (std::ranges::equal_range(all, ends(side)).size() == 1) alone_.push_back(side);
         if (alone_.size() == 2)
             join(alone_[0], alone_[1]);
         else
@@ -89,11 +92,17 @@ private:
 
     /// Nothing where the triangles can't all be paired, each with one that runs the other way.
     void join_around_insides() {
+        if (alone_.empty()) return;
+        const auto along =
+            std::ranges::count(alone_, start_of(mesh_.triangles, alone_.front()),
+                               [&](const Side& side) { return start_of(mesh_.triangles, side); });
+        if (2 * along != std::ssize(alone_)) return;
         std::vector<std::pair<Side, Side>> pairs;
         std::vector<char> is_taken(alone_.size(), 0);
         for (std::size_t i = 0; i < alone_.size(); ++i) {
             const Index start = start_of(mesh_.triangles, alone_[i]);
             if (start != start_of(mesh_.triangles, alone_[0])) continue;
+            progress_.report(0.0);
             std::optional<std::size_t> best;
             double least = 0.0;
             for (std::size_t j = 0; j < alone_.size(); ++j) {
@@ -107,12 +116,12 @@ private:
             if (!best || std::exchange(is_taken[*best], 1)) return;
             pairs.emplace_back(alone_[i], alone_[*best]);
         }
-        if (2 * pairs.size() != alone_.size()) return;
         for (const auto& [one, other] : pairs) join(one, other);
     }
 
     const Mesh& mesh_;
     GrowingComponents& vertices_;
+    Progress& progress_;
     std::vector<Side> alone_;
     bool inward_ = false;  ///< whether faces show their inside
 };
@@ -171,11 +180,11 @@ void weld(const Positions& vertices, Mesh& mesh) {
     mesh.positions = mesh.unit.apply(gather(vertices, rows));
 }
 
-void part_what_touches(const Polygons& faces, Mesh& mesh) {
+void part_what_touches(const Polygons& faces, Mesh& mesh, Progress& progress) {
     if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return;
     GrowingComponents vertices(to_index(mesh.places.size()));
     const MeshEdges edges(mesh.triangles);
-    Seams seams(mesh, vertices);
+    Seams seams(mesh, vertices, progress);
     for (Index e = 0; e < edges.size(); ++e) seams.close(edges[e]);
     take_unused(faces, mesh, vertices);
 

@@ -2,6 +2,7 @@
 // don't. Not for callers of the library.
 #pragma once
 
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/mesh/mesh.hpp"
 
@@ -14,7 +15,7 @@ void weld(const Positions& vertices, Mesh& mesh);
 /// `mesh` is that of weld() with triangles. Edges join the two triangles that a vertex pair has, or
 /// two that have nothing else there; of more that have nothing else, those that enclose an inside
 /// between them. Vertices without triangles go with another corner of their face there, or else
-/// with the first vertex at the spot.
-void part_what_touches(const Polygons& faces, Mesh& mesh);
+/// with the first vertex at the spot. Throws Cancelled; no fraction is said.
+void part_what_touches(const Polygons& faces, Mesh& mesh, Progress& progress);
 
 }  // namespace pointmorph

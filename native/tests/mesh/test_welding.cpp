@@ -3,11 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "mesh/mesh_edges.hpp"
 #include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
 
 namespace pointmorph {
 namespace {
@@ -117,6 +121,39 @@ TEST(Welding, PartsSheetsThatMeetAlongALineOfThree) {
     const Mesh mesh = make_mesh(mesh_shapes::together(floor, wall));
     EXPECT_EQ(most_faces_at_an_edge(mesh), 2);
     EXPECT_EQ(mesh.part_areas.size(), 3);
+}
+
+/// Triangles around one edge, none with a vertex of another; `along` of them run the same way.
+Cloud book(Index pages, Index along) {
+    Cloud cloud;
+    cloud.positions.resize(3 * pages, 3);
+    for (Index k = 0; k < pages; ++k) {
+        const double angle = 2.0 * std::numbers::pi * k / pages;
+        cloud.positions.row(3 * k) << 0.0, 0.0, k < along ? 0.0 : 1.0;
+        cloud.positions.row(3 * k + 1) << 0.0, 0.0, k < along ? 1.0 : 0.0;
+        cloud.positions.row(3 * k + 2) << std::cos(angle), std::sin(angle), 0.5;
+        mesh_shapes::add_face(cloud.faces, {3 * k, 3 * k + 1, 3 * k + 2});
+    }
+    return cloud;
+}
+
+TEST(Welding, TakesAnEdgeWithVeryManyTriangles) {
+    // Counted or compared one with another, these would take minutes.
+    constexpr Index kPages = 200000;
+    EXPECT_EQ(make_mesh(book(kPages, kPages / 2 - 1)).part_areas.size(), kPages);
+}
+
+TEST(Welding, CanBeCancelledAtAnEdge) {
+    const Cloud cloud = book(4000, 2000);
+    Mesh mesh;
+    mesh.unit = normalization(cloud.positions);
+    weld(cloud.positions, mesh);
+    mesh.vertices.resize(4000, 3);
+    for (Index c = 0; c < mesh.vertices.size(); ++c) mesh.vertices(c / 3, c % 3) = c;
+    mesh.triangles =
+        mesh.vertices.unaryExpr([&](Index vertex) { return mesh.places[to_size(vertex)]; });
+    Progress cancel([](std::string_view, double) { return false; });
+    EXPECT_THROW(part_what_touches(cloud.faces, mesh, cancel), Cancelled);
 }
 
 TEST(Welding, KeepsWhatAVertexOfItsOwnJoins) {
