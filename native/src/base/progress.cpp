@@ -14,6 +14,7 @@ void Progress::enter(std::string_view stage) {
     stage_start_ = Clock::now();
     in_stage_ = true;
     last_call_ = {};
+    done_ = 0.0;
     poll(0.0);
     throw_if_cancelled();
 }
@@ -35,7 +36,8 @@ void Progress::report(double fraction) {
 }
 
 bool Progress::poll(double fraction) noexcept {
-    done_ = first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0);
+    // Within a stage, what was said isn't taken back, also where a step has no share of its own.
+    done_ = std::max(done_, first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0));
     return poll();
 }
 

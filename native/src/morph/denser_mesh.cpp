@@ -192,8 +192,15 @@ public:
         for (Index f = 0; f < mesh_.triangles.rows(); ++f)
             if (off[to_size(f)] > tolerance_) faces += area(f);
         const TriangleTree tree(x_, mesh_.triangles, progress);
-        for (Eigen::Index s = 0; s < target.coarse.positions.rows(); ++s) {
-            const SurfacePoint point = tree.closest(target.coarse.positions.row(s).transpose());
+        std::vector<SurfacePoint> nearest(to_size(target.coarse.positions.rows()));
+        parallel_for(
+            to_index(nearest.size()), progress,
+            [&](Index begin, Index end) {
+                for (Index s = begin; s < end; ++s)
+                    nearest[to_size(s)] = tree.closest(target.coarse.positions.row(s).transpose());
+            },
+            1.0, 1.0, 64);
+        for (const SurfacePoint& point : nearest) {
             double& worst = off[to_size(point.triangle)];
             const double distance = std::sqrt(point.squared_distance);
             if (distance > tolerance_) samples += 1.0;
@@ -274,12 +281,18 @@ struct OnTarget {
 
 /// Puts the last places where the wrapped mesh is there, and then onto what is to be shown.
 void place_new(const Mesh& grown, Index first, const OnTarget& wrapped, const Shown& shown,
-               Positions& x) {
+               Positions& x, Progress& progress) {
     x.conservativeResize(grown.positions.rows(), 3);
-    for (Index p = first; p < x.rows(); ++p) {
-        const SurfacePoint on = wrapped.tree.closest(grown.positions.row(p).transpose());
-        x.row(p) = shown.nearest(place_of(on, wrapped.mesh.triangles, wrapped.x)).transpose();
-    }
+    parallel_for(
+        to_index(x.rows()) - first, progress,
+        [&](Index begin, Index end) {
+            for (Index p = first + begin; p < first + end; ++p) {
+                const SurfacePoint on = wrapped.tree.closest(grown.positions.row(p).transpose());
+                x.row(p) =
+                    shown.nearest(place_of(on, wrapped.mesh.triangles, wrapped.x)).transpose();
+            }
+        },
+        1.0, 1.0, 64);
 }
 
 }  // namespace
@@ -289,7 +302,14 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
                        const DensityOptions& options, Progress& progress) {
     if (is_same_mesh(source, target))
         return {source.mesh.mesh().vertices, source.mesh.mesh().polygons, {}, source.images};
-    WrapOnto onto(source, target, pinned, progress);
+    constexpr double kSamples = 0.05;  // of the time
+    std::optional<WrapOnto> made;
+    {
+        const Progress::Part part(progress, 0.0, kSamples);
+        made.emplace(source, target, pinned, progress);
+    }
+    const Progress::Part rounds(progress, kSamples, 1.0);
+    WrapOnto& onto = *made;
     const Shown shown(onto.target(), progress);
     const double tolerance = options.tolerance * std::sqrt(onto.target().area);
     GrowingMesh growing(source.mesh.mesh());
@@ -319,7 +339,7 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
             const Index before = to_index(x.rows());
             growing.halve(edges);
             has_grown = true;
-            place_new(growing.mesh(), before, wrapped, shown, x);
+            place_new(growing.mesh(), before, wrapped, shown, x, progress);
         }
         if (!has_grown) break;
     }

@@ -303,11 +303,15 @@ PreparedShape prepare(const ShapeInput& input, const PreparationOptions& options
 PreparedShape with_topology(PreparedShape shape, const KnownParts& parts,
                             const BoundaryOptions& boundary, const TopologyOptions& options,
                             Progress& progress) {
-    find_loops(shape, boundary, progress);
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        find_loops(shape, boundary, progress);
+    }
     std::vector<Index> sorted_parts;
     if (!parts.labels.empty())
         for (const Index given : shape.given_rows)
             sorted_parts.push_back(parts.labels[to_size(given)]);
+    const Progress::Part part(progress, 0.5, 1.0);
     shape.topology = find_topology(shape.surface(), *shape.loops, {sorted_parts, parts.counts},
                                    options, progress);
     return shape;

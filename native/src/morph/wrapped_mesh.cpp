@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "pointmorph/base/parallel.hpp"
@@ -155,14 +156,19 @@ WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
 
 Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
                             const WrapOptions& options, Progress& progress) {
+    constexpr double kStarts = 0.05;  // of the time
     const Positions back = mesh.unit.apply(other_.images);
-    target_.on_mesh = places_on(mesh, back, progress);
+    Positions start;
+    {
+        const Progress::Part part(progress, 0.0, kStarts);
+        target_.on_mesh = places_on(mesh, back, progress);
+        start = starts(mesh, source_, unit_, progress);
+    }
     if (source_.leaves_missing && other_.mesh &&
         goes_on(border_length(source_.mesh.mesh()), border_length(other_.mesh->mesh())))
         leave_beyond(mesh, back,
                      std::sqrt(source_.mesh.mesh().area() / source_.mesh.samples().size()),
                      target_.on_mesh);
-    Positions start = starts(mesh, source_, unit_, progress);
     std::vector<WrapMark> marks;
     for (const IndexPair& pair : pinned_) {
         const Positions at = unit_.apply(other_.cloud.positions.row(pair.target));
@@ -172,6 +178,7 @@ Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
     // Places that were added aren't seen, and the shape's own have to be on the target.
     const auto own = mesh.positions.rows() - static_cast<Eigen::Index>(ends.size());
     wrapping.keep_uncreased = static_cast<Eigen::Index>(ends.size()) < own;
+    const Progress::Part part(progress, kStarts, 1.0);
     return wrap(mesh, std::move(start), target_, holds_of(source_, ends, unit_, marks), wrapping,
                 progress);
 }
@@ -189,7 +196,14 @@ Positions wrapped_vertices(const WrapSource& source, const WrapSide& target,
                            std::span<const IndexPair> pinned, const WrapOptions& options,
                            Progress& progress) {
     if (is_same_mesh(source, target)) return source.images;
-    WrapOnto onto(source, target, pinned, progress);
+    constexpr double kSamples = 0.1;  // of the time
+    std::optional<WrapOnto> made;
+    {
+        const Progress::Part part(progress, 0.0, kSamples);
+        made.emplace(source, target, pinned, progress);
+    }
+    WrapOnto& onto = *made;
+    const Progress::Part part(progress, kSamples, 1.0);
     const Mesh& mesh = source.mesh.mesh();
     Positions places;
     if (has_long_edges(mesh, {})) {

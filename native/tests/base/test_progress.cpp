@@ -54,17 +54,32 @@ TEST(Progress, PartsInsidePartsAreSharesOfThem) {
     progress.enter("stage");
     {
         const Progress::Part outer(progress, 0.2, 0.6);
-        {
-            const Progress::Part inner(progress, 0.5, 1.0);
-            half_done();
-        }
+        half_done();
+        const Progress::Part inner(progress, 0.5, 1.0);
         half_done();
     }
     half_done();
     ASSERT_EQ(fractions.size(), 4u);
-    EXPECT_DOUBLE_EQ(fractions[1], 0.5);
-    EXPECT_DOUBLE_EQ(fractions[2], 0.4);
+    EXPECT_DOUBLE_EQ(fractions[1], 0.4);
+    EXPECT_DOUBLE_EQ(fractions[2], 0.5);
     EXPECT_DOUBLE_EQ(fractions[3], 0.5);
+}
+
+TEST(Progress, NeverFallsWithinAStage) {
+    std::vector<double> fractions;
+    Progress progress(
+        [&](std::string_view, double fraction) {
+            fractions.push_back(fraction);
+            return true;
+        },
+        0ms);
+    progress.enter("stage");
+    progress.report(0.75);
+    progress.report(0.25);
+    progress.poll(0.5);
+    progress.report(1.0);
+    progress.enter("stage");
+    EXPECT_EQ(fractions, (std::vector{0.0, 0.75, 0.75, 0.75, 1.0, 0.0}));
 }
 
 TEST(Progress, CallsNoMoreOftenThanItsInterval) {

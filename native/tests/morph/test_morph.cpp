@@ -4,8 +4,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
+#include <string>
+#include <string_view>
+#include <utility>
 
 #include "base/thread_engine.hpp"
 #include "checks.hpp"
@@ -256,6 +260,21 @@ TEST_P(AnyMorph, CancelWorksInEveryStage) {
         Progress cancel([&](std::string_view stage, double) { return stage != last; });
         EXPECT_THROW(Morph(input, options(), cancel), Cancelled) << last;
     }
+}
+
+TEST_P(AnyMorph, ProgressNeverFallsWithinAStage) {
+    SKIP_WHERE_WATCHED();
+    std::pair<std::string, double> last;
+    Progress watch(
+        [&](std::string_view stage, double fraction) {
+            if (stage == last.first) {
+                EXPECT_GE(fraction, last.second) << stage;
+            }
+            last = {std::string(stage), fraction};
+            return true;
+        },
+        std::chrono::milliseconds(0));
+    const Morph morph({bump_cloud(25), hemisphere(600), {}, {}, {}, {}}, options(), watch);
 }
 
 TEST(Morph, AnExceptionOfTheCallbackReachesTheCaller) {
