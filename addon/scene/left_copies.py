@@ -1,24 +1,54 @@
-"""Copies of shapes as shown that no morph is made of any more: they are hidden, and nobody would
-find them. They are removed once a morph is deleted, but for those that the user has changed, marked
-or used."""
+"""What a morph that was deleted leaves: its points, where the mesh that showed them was deleted,
+and copies of shapes as shown that no morph is made of any more. They are hidden, and nobody would
+find them. They are removed, but for those that the user has changed, marked or used."""
 
 import bpy
 
 from ..core import background_job
 from ..data.feature_list import feature_names
-from ..data.references import reference_to
+from ..data.references import find, reference_to
 from ..data.registration import Registration, on_other_states, stop_timer
-from . import as_shown, morph_builder, morph_object, recipes, staleness
+from . import as_shown, morph_builder, morph_object, points_display, recipes, staleness
 
 _LATER = 0.5  # seconds
 
 _made = None
-"""References to the morph objects at the last look; None before the first in a file, and after undo
-and redo, which take copies away themselves."""
+"""By a reference to each morph object at the last look, one to the points that it shows, or None.
+None before the first look in a file, and after undo and redo, which take away themselves what is
+left."""
+
+
+def remove_points(reference):
+    """Removes the points that a reference is to if the mesh that showed them was deleted, and
+    nothing else has or shows them."""
+    obj = find(bpy.data.objects, reference)
+    if obj is None or not _is_there(obj) or not morph_object.is_result(obj):
+        return
+    if not _is_hidden(obj) or _is_used(obj) or obj.pointmorph.baked or _is_keyed(obj):
+        return
+    morph_builder.remove(obj)
+
+
+def _remove_deleted(references):
+    """Removes morph objects that were deleted in the viewport, and are kept only by the pointers
+    that they have to each other: they have the names that the next would get."""
+    found = (find(bpy.data.objects, reference) for reference in references)
+    gone = {obj for obj in found if obj is not None and not obj.users_collection}
+    gone = {obj for obj in gone if obj.library is None and obj.data.users == 1}
+    for obj, users in bpy.data.user_map(subset=gone).items() if gone else ():
+        # A scene may still list what is in none of its collections.
+        used = any(not isinstance(user, bpy.types.Scene) for user in users - gone)
+        if not (used or obj.use_fake_user or obj.data.use_fake_user):
+            morph_builder.remove(obj)
+
+
+def _is_keyed(obj):
+    data = obj.animation_data
+    return data is not None and (data.action is not None or len(data.nla_tracks) > 0)
 
 
 def remove_left():
-    """Removes those of this file. The panels pick their originals in their place."""
+    """Removes the copies of this file. The panels pick their originals in their place."""
     made = [obj for obj in bpy.data.objects if _is_there(obj) and morph_object.is_made(obj)]
     used = {shape for obj in made for shape in recipes.pointers_of(obj)}
     for copy in list(bpy.data.objects):
@@ -44,7 +74,7 @@ def _is_left(copy):
 
 
 def _is_hidden(copy):
-    """Whether it is shown nowhere, in no view layer and in no render."""
+    """Whether an object is shown nowhere, in no view layer and in no render."""
     layers = [layer for scene in bpy.data.scenes for layer in scene.view_layers]
     there = [layer for layer in layers if layer.objects.get(copy.name) == copy]
     return copy.hide_render and all(copy.hide_get(view_layer=layer) for layer in there)
@@ -83,15 +113,22 @@ def _look():
     # While one is computed, its copies have no morph yet.
     if background_job.current is not None or bpy.app.is_job_running("RENDER"):
         return _LATER
-    before = _made
-    _made = {
-        reference_to(obj)
-        for obj in bpy.data.objects
-        if morph_object.is_made(obj) and _is_there(obj)
-    }
-    if before is not None and not before <= _made:
+    before, _made = _made, _morphs()
+    gone = set() if before is None else before.keys() - _made.keys()
+    if gone:
+        for one in gone:
+            remove_points(before[one])
+        _remove_deleted(gone)
+        points_display.remove_unused()
+        _made = _morphs()
         remove_left()
     return None
+
+
+def _morphs():
+    found = [obj for obj in bpy.data.objects if morph_object.is_made(obj) and _is_there(obj)]
+    points = ((obj, obj.pointmorph.made_from) for obj in found)
+    return {reference_to(obj): None if one is None else reference_to(one) for obj, one in points}
 
 
 def _note_changes(scene, depsgraph):

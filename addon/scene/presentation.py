@@ -121,8 +121,7 @@ def show_as(context, obj, kind):
         return _add_mesh(context, obj)
     placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
-    set_visible(context, mesh, True)
-    set_visible(context, obj, False)
+    _show_instead(context, obj, mesh)
     return mesh
 
 
@@ -131,12 +130,27 @@ def show_points(context, obj):
     placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
     if mesh != obj:
-        set_visible(context, mesh, False)
-    elif obj.is_editable:
+        _show_instead(context, mesh, obj)
+        return obj
+    if obj.is_editable:
         with contextlib.suppress(pointmorph.CloudError):  # somebody took its slider away
             slider_keys.let_go(obj)  # of a mesh that was deleted
     set_visible(context, obj, True)
     return obj
+
+
+def _show_instead(context, before, after):
+    """Hides an object and shows another, which is selected and active where that was: Blender
+    deselects what it hides."""
+    objects = context.view_layer.objects
+    is_selected, is_active = before.select_get(), objects.active == before
+    set_visible(context, after, True)
+    set_visible(context, before, False)
+    with contextlib.suppress(RuntimeError):  # it isn't in this view layer
+        if is_selected:
+            after.select_set(True, view_layer=context.view_layer)
+        if is_active and before.mode == "OBJECT":
+            objects.active = after
 
 
 def hide(context, obj):

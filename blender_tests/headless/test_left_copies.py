@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from scenes import add_mesh, mark, morph, patch
+from scenes import add_mesh, mark, morph, patch, select
 
 
 def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
@@ -28,6 +28,46 @@ def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
     bpy.ops.pointmorph.show_shapes()
     assert not mirrored.hide_get()
     assert morph().name == "Half to Dune"
+
+
+def test_points_go_with_the_mesh_that_showed_them(addon, mirrored, settings):
+    left = addon("scene.left_copies")
+    before = {obj.name for obj in bpy.data.objects}
+    shown = morph()
+    left._forget()
+    left._look()
+    # As the viewport does: the points keep a pointer to it.
+    for home in shown.users_collection:
+        home.objects.unlink(shown)
+    assert left._look() is None
+    left._stop()
+    assert {obj.name for obj in bpy.data.objects} == before
+    assert settings.source == mirrored
+    assert morph().name == "Half to Dune"
+
+
+@pytest.mark.parametrize("how", ["shown", "mesh", "baked", "keyed"])
+def test_points_that_somebody_wants_stay(addon, mirrored, how):
+    left = addon("scene.left_copies")
+    shown = morph()
+    points = shown.pointmorph.made_from
+    if how == "shown":
+        points.hide_set(False)
+    elif how == "mesh":
+        select(points)
+        assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    elif how == "baked":
+        points.pointmorph.baked = '{"Half": [0.5, "linear"]}'
+    else:
+        points.keyframe_insert("location", frame=1)
+    name = points.name
+    left._forget()
+    left._look()
+    bpy.data.objects.remove(shown)
+    left._look()
+    left._stop()
+    assert name in bpy.data.objects
+    assert points.pointmorph.source.name in bpy.data.objects
 
 
 def add_key_to(copy):
