@@ -88,6 +88,27 @@ problem = None
 """(panel, text) of the last error, until the next attempt; None after a success."""
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
+earlier_ways = ()
+"""One of each way of the last chain that was."""
+
+
+def starts(count):
+    """What a morph over so many ways from shape to shape may start from."""
+    if count > 1:
+        return earlier_ways
+    return () if earlier is None else (earlier,)
+
+
+def remember_ways(ways):
+    """Keeps what was found of a chain for the next time; see `chains.earlier_ways`."""
+    global earlier_ways
+    earlier_ways = ways
+
+
+def forget():
+    """Nothing starts from what was found before."""
+    global earlier, earlier_ways
+    earlier, earlier_ways = None, ()
 
 
 def remember(request, outcome):

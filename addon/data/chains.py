@@ -7,7 +7,7 @@ import numpy as np
 import pointmorph
 
 from ..core import path_stages
-from ..core.computation import End, Outcome, Way, compute, with_look
+from ..core.computation import Earlier, End, Outcome, Way, compute, with_look
 from . import coverage, surfaces
 
 _TOO_MUCH = 0.2  # of the target that the source has no vertices for
@@ -16,11 +16,13 @@ LONGEST = 11
 """Shapes in a chain: Blender's shape keys have values up to 10."""
 
 
-def compute_all(requests, progress, earlier=None, textures=None):
+def compute_all(requests, progress, earlier=(), textures=None):
     """The outcome of one request, or of several as a chain. For the rest see `compute`.
 
     Parameters
     ----------
+    earlier : sequence of computation.Earlier or denser_source.Start
+        What each request may start from: the first that is about its shapes.
     textures : look_transfer.Options, optional
         How the target's look is drawn on the source's faces, if it is.
     """
@@ -30,15 +32,27 @@ def compute_all(requests, progress, earlier=None, textures=None):
 
 def _computed(requests, progress, earlier):
     if len(requests) == 1:
-        return _judged(requests, compute(requests[0], progress, earlier))
+        return _judged(requests, compute(requests[0], progress, _start_of(requests[0], earlier)))
     outcomes = []
     for number, request in enumerate(requests):
 
         def tell(stage, fraction, number=number):
             return progress(f"{number + 1} of {len(requests)}: {stage}", fraction)
 
-        outcomes.append(compute(request, tell))
+        outcomes.append(compute(request, tell, _start_of(request, earlier)))
     return _judged(requests, join(requests, outcomes, progress))
+
+
+def _start_of(request, earlier):
+    return next((one for one in earlier if one.start_for(request)), None)
+
+
+def earlier_ways(requests, outcome):
+    """A `computation.Earlier` of each way of a chain, to start from the next time."""
+    onward = [outcome.maps[0], *(there for there, _ in outcome.via_maps)]
+    back = [*(there for _, there in outcome.via_maps), outcome.maps[1]]
+    ways = zip(requests, onward, back, strict=True)
+    return tuple(Earlier(request.without_looks(), maps) for request, *maps in ways)
 
 
 def _judged(requests, outcome):

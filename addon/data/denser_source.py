@@ -33,8 +33,8 @@ class Stop:
 
 @dataclass(frozen=True)
 class Start:
-    """A map that was found for a finer source, in the place of a `computation.Earlier`: another one
-    would want the vertices elsewhere.
+    """A map that was found for a finer source to the shape after it, in the place of a
+    `computation.Earlier`: another one would want the vertices elsewhere.
 
     Attributes
     ----------
@@ -138,6 +138,7 @@ def compute(request, stops, progress):
     """
     source = request.source
     made = Finer(np.empty((0, 2), np.int64), source.triangles, np.arange(len(source.triangles)))
+    on_first = stops[0].landing
     for number, stop in enumerate(stops):
         landing = None if stop.landing is None else made.extended(stop.landing)
         if (
@@ -167,9 +168,15 @@ def compute(request, stops, progress):
             np.concatenate([made.ends, denser.ends]), denser.faces, made.parents[denser.parents]
         )
         source = _finer_shape(source, denser)
-        if len(stops) == 1 and stop.back is not None:
-            maps = denser.wrapped, stop.back
-            made = replace(made, start=Start(source.positions, stop.shape.positions, maps))
+        if number == 0:
+            on_first = denser.wrapped
+        elif on_first is not None:
+            on_first = denser.extended(on_first)
+    first = stops[0]
+    if len(made.ends) and on_first is not None and first.back is not None:
+        # The other ways of a chain start at other shapes, which are as they were.
+        start = Start(source.positions, first.shape.positions, (on_first, first.back))
+        made = replace(made, start=start)
     return made
 
 

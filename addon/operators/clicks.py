@@ -312,7 +312,7 @@ def _clear_words(context):
 def _forget(*_):
     """Nothing of another file is to be followed."""
     live_follower.stop()
-    background_job.earlier = None
+    background_job.forget()
 
 
 def _stop():

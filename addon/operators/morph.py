@@ -6,7 +6,7 @@ import queue
 import bpy
 import pointmorph
 
-from ..core import background_job, preview
+from ..core import preview
 from ..core.settings import settings_values
 from ..data import chains
 from ..data.arrays import MADE_TYPES
@@ -37,7 +37,7 @@ from .polls import (
     present,
     say_looks,
 )
-from .recompute import Recomputing
+from .recompute import Recomputing, leave_mode
 
 
 class _Morphing(Recomputing):
@@ -63,7 +63,7 @@ class _Morphing(Recomputing):
         return super().invoke(context, event)
 
     def _begin_steps(self, context):
-        _leave_mode(context)
+        leave_mode(context, staleness.picked_shapes(context.scene), also_others=True)
         self._first_look = queue.SimpleQueue()
         if morphs_selected(context):
             pick_selected(context)
@@ -197,8 +197,7 @@ class _Morphing(Recomputing):
             settings_values(settings),
             blended_textures.wanted(context.scene),
         )
-        # A script gets the same whatever was done before it.
-        earlier = background_job.earlier if self._in_window else None
+        earlier = self._starts(plan)
         textures = blended_textures.wanted(context.scene)
         one = plan.requests[0] if len(plan.requests) == 1 else None
         with_preview = self._in_window and one is not None and preview.is_worth_it(one)
@@ -247,9 +246,7 @@ class _Morphing(Recomputing):
         if self._made is not None:
             obj = self.finish_again(context, outcome)
         else:
-            if self._in_window and len(self._plan.requests) == 1:
-                request = self._plan.requests[0].without_looks()
-                background_job.remember(request, outcome)
+            self._remember(outcome)
             obj = morph_builder.build(context, outcome, *self._made_of(context))
             morph_object.morph_key(obj).value = self._value
             recipes.remember(obj, self._plan.recipe, outcome)
@@ -265,24 +262,6 @@ class _Morphing(Recomputing):
                 bpy.data.meshes.remove(old)
                 find(bpy.data.objects, reference).data.name = name
         return {"FINISHED"}
-
-
-def _leave_mode(context):
-    """Goes to Object Mode where an object is edited, or a shape is painted: the shapes will be
-    hidden, and the result can't be active elsewhere."""
-    active = context.view_layer.objects.active
-    if active is None or active.mode == "OBJECT":
-        return
-    if active.mode == "EDIT" or active in staleness.picked_shapes(context.scene):
-        try:
-            bpy.ops.object.mode_set(mode="OBJECT")
-        except RuntimeError as error:  # Blender's own words
-            raise pointmorph.CloudError(
-                active.name,
-                "an object in Object Mode",
-                "another mode",
-                "Switch to Object Mode (Tab).",
-            ) from error
 
 
 def _mode_reason(context):

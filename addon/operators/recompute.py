@@ -21,6 +21,25 @@ from .modal_operator import Computing
 from .polls import Explained, busy_reason, say_made
 
 
+def leave_mode(context, shapes, also_others=False):
+    """Goes to Object Mode where a shape is edited or painted: it is read as the viewport shows it
+    there, and may be hidden. With `also_others`, where any object is edited, too: the result can't
+    be active elsewhere."""
+    active = context.view_layer.objects.active
+    if active is None or active.mode == "OBJECT":
+        return
+    if active in shapes or (also_others and active.mode == "EDIT"):
+        try:
+            bpy.ops.object.mode_set(mode="OBJECT")
+        except RuntimeError as error:  # Blender's own words
+            raise pointmorph.CloudError(
+                active.name,
+                "an object in Object Mode",
+                "another mode",
+                "Switch to Object Mode (Tab).",
+            ) from error
+
+
 class Recomputing(Computing):
     """An operator that computes a morph object again."""
 
@@ -32,8 +51,20 @@ class Recomputing(Computing):
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
-        earlier = start or (background_job.earlier if self._in_window else None)
+        earlier = self._starts(plan) if start is None else (start,)
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
+
+    def _starts(self, plan):
+        """A script gets the same whatever was done before it."""
+        return background_job.starts(len(plan.requests)) if self._in_window else ()
+
+    def _remember(self, outcome):
+        """Keeps what was found for the next time."""
+        requests = self._plan.requests
+        if self._in_window and len(requests) == 1:
+            background_job.remember(requests[0].without_looks(), outcome)
+        elif self._in_window:
+            background_job.remember_ways(chains.earlier_ways(requests, outcome))
 
     def finish_again(self, context, outcome):
         """Puts what was computed into the morph object, and returns it."""
@@ -42,9 +73,7 @@ class Recomputing(Computing):
             raise pointmorph.CloudError(
                 self._name, "the object that is being recomputed", "none", "Undo the deletion."
             )
-        if self._in_window and len(self._plan.requests) == 1:
-            request = self._plan.requests[0].without_looks()
-            background_job.remember(request, outcome)
+        self._remember(outcome)
         was_there = recipes.is_there(obj)
         if not was_there:  # deleted in the viewport; its mesh knows it
             creation.link(context, obj)
@@ -95,6 +124,7 @@ class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
             raise pointmorph.CloudError(
                 self.name, "a morph object of this name", "none", "Morph first."
             )
+        leave_mode(context, recipes.shapes_of(obj))
         return (yield from self.begin_again(context, obj, start))
 
     def _finish(self, context, outcome):

@@ -10,7 +10,7 @@ from ..core.computation import Request
 from ..core.features import match
 from ..core.settings import settings_values
 from ..core.stepping import finish
-from ..data import arrays, surfaces
+from ..data import arrays, creation, surfaces
 from ..data.feature_list import feature_choices
 from . import as_shown, marked_points, morph_builder
 from .shape_reader import read_shape_steps, update
@@ -48,22 +48,40 @@ def read_request(context):
 
 
 def _read(context, obj, origin, is_target):
-    with _taken(context, obj, is_target) as (taken, shown):
-        shape = finish(read_shape_steps(context, taken, origin, shown))
+    with _out_of_edit_mode(context, obj) as there, _taken(context, there, is_target) as taken:
+        shape = finish(read_shape_steps(context, taken, origin, is_target and taken == there))
     return replace(shape, name=obj.name)
 
 
 @contextlib.contextmanager
+def _out_of_edit_mode(context, obj):
+    """The object, or for the moment a copy, where it is edited: there, modifiers may be off, and
+    shape keys show something else. `update` must come before."""
+    if obj.mode != "EDIT" or obj.type != "MESH":
+        yield obj
+        return
+    copy = creation.copied(obj)
+    copy.data = obj.data.copy()  # it would be in Edit Mode as well
+    context.scene.collection.objects.link(copy)
+    try:
+        update(context, copy)
+        yield copy
+    finally:
+        morph_builder.remove(copy)
+        context.view_layer.update()
+
+
+@contextlib.contextmanager
 def _taken(context, obj, is_target):
-    """The object that would be morphed, and whether as shown: a copy, for the moment."""
-    changed = not is_target and not obj.pointmorph.keep_modifiers and obj.mode != "EDIT"
+    """The object that would be morphed: itself, or for the moment a copy as shown."""
+    changed = not is_target and not obj.pointmorph.keep_modifiers
     if obj.type not in arrays.MADE_TYPES and not (changed and as_shown.changed_by(context, obj)):
-        yield obj, is_target
+        yield obj
         return
     copy = as_shown.copy_as_shown(context, obj, hides=False)
     try:
         update(context, copy)
-        yield copy, False
+        yield copy
     finally:
         morph_builder.remove(copy)
         context.view_layer.update()

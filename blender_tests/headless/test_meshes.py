@@ -266,7 +266,7 @@ def test_a_start_is_for_one_morph_and_its_shapes(addon):
     assert denser.start_of(7) is None
 
 
-def test_subdividing_looks_at_every_shape_of_a_chain(settings):
+def test_subdividing_looks_at_every_shape_of_a_chain(addon, settings, monkeypatch):
     shapes = [
         primitive("cube"),
         primitive("ico_sphere", subdivisions=2),
@@ -278,7 +278,17 @@ def test_subdividing_looks_at_every_shape_of_a_chain(settings):
     obj = bpy.context.view_layer.objects.active
     before = json.loads(obj.pointmorph.report)["too_fine"]
     assert min(before["Icosphere"], before["Cylinder"]) > 0.9
+    chains = addon("data.chains")
+    compute, starts = chains.compute, []
+
+    def computed(request, progress, earlier=None):
+        starts.append(earlier and [len(places) for places in earlier.start_for(request)])
+        return compute(request, progress, earlier)
+
+    monkeypatch.setattr(chains, "compute", computed)
     assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    # From the map that the vertices were added for; the other way has the same shapes as before.
+    assert starts == [[len(shape.data.vertices) for shape in shapes[:2]], None]
     after = json.loads(obj.pointmorph.report)["too_fine"]
     assert "Icosphere" not in after
     # It may be found turned about its axis, and its rim where the source has fewer vertices.

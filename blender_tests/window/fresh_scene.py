@@ -166,6 +166,7 @@ for name in dir(bpy.types):
         getattr(bpy.types, name).is_noted = True
 
 session().earlier = session().problem = None
+session().earlier_ways = ()
 
 mouse = [0, 0]
 
