@@ -104,6 +104,11 @@ def select_reason(context):
     if selected_shapes(context):
         return None
     for obj in sorted(context.selected_objects, key=lambda obj: obj.name):
+        if obj.type == "EMPTY" and obj.instance_type == "COLLECTION":
+            return (
+                f'"{obj.name}" can\'t be morphed: it shows a collection. Make its objects real '
+                "(Object > Apply > Make Instances Real)"
+            )
         if obj.type not in MORPHED_TYPES:
             kind = obj.bl_rna.properties["type"].enum_items[obj.type].name
             return f'"{obj.name}" can\'t be morphed: it has no surface ({kind})'

@@ -128,7 +128,10 @@ class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
         return (yield from self.begin_again(context, obj, start))
 
     def _finish(self, context, outcome):
-        say_made(self, self.finish_again(context, outcome), outcome.report)
+        obj = self.finish_again(context, outcome)
+        say_made(
+            self, obj if obj.pointmorph.keeps_faces else morph_object.shown_of(obj), outcome.report
+        )
         return {"FINISHED"}
 
 

@@ -12,6 +12,7 @@ from . import (
     disc_faces,
     frame_players,
     frames_display,
+    morph_object,
     point_shapes,
     points_display,
     surface_nodes,
@@ -46,7 +47,7 @@ def show(context, obj, matrix, plan, file):
     with creation.all_or_nothing() as created:
         player = player_of(context.scene, obj)
         if player is None:
-            name = f"{obj.name} {cache_files.NAME}"
+            name = f"{morph_object.shown_of(obj).name} {cache_files.NAME}"
             mesh = frames_display.new_own_mesh(name)
             created(mesh)
             player = bpy.data.objects.new(name, mesh)

@@ -4,6 +4,9 @@ but to put them where they belong.
 A mesh object that is in no scene makes them with its modifier. Blender keeps what it shows until it
 changes, and a file holds no more of it than the number. All discs lie in the origin, so each corner
 knows its disc and where in it it is.
+
+Where a morph is appended, Blender puts what it needs into the scene and viewports: so these objects
+are at least disabled in renders.
 """
 
 import bpy
@@ -55,8 +58,20 @@ def is_switched_by(faces, player):
 def _new(group, created):
     obj = bpy.data.objects.new(_ALL, _one_disc(group).data)
     created(obj)
+    obj.hide_render = True
     obj.modifiers.new(NAME, "NODES").node_group = group
     return obj
+
+
+def leave_scenes():
+    """Takes these objects out of the collections that they were appended to."""
+    for group in bpy.data.node_groups:
+        if not nodes.is_shared(group, NAME):
+            continue
+        for obj in bpy.data.objects:
+            if obj.library is None and (_is_of(obj, group) or obj == _one_disc(group)):
+                for home in obj.users_collection:
+                    home.objects.unlink(obj)
 
 
 def remove_unused():
@@ -126,6 +141,7 @@ def _info(group):
 def _new_one(created):
     one = bpy.data.objects.new(_ONE, _new_mesh(created))
     created(one)
+    one.hide_render = True
     return one
 
 

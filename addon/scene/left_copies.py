@@ -1,6 +1,8 @@
 """What a morph that was deleted leaves: its points, where the mesh that showed them was deleted,
 and copies of shapes as shown that no morph is made of any more. They are hidden, and nobody would
-find them. They are removed, but for those that the user has changed, marked or used."""
+find them. They are removed, but for those that the user has changed, marked or used.
+
+And what comes with a morph that is appended: Blender shows it all. It is hidden as it was."""
 
 import bpy
 
@@ -8,7 +10,15 @@ from ..core import background_job
 from ..data.feature_list import feature_names
 from ..data.references import find, reference_to
 from ..data.registration import Registration, on_other_states, stop_timer
-from . import as_shown, morph_builder, morph_object, points_display, recipes, staleness
+from . import (
+    as_shown,
+    disc_faces,
+    morph_builder,
+    morph_object,
+    points_display,
+    recipes,
+    staleness,
+)
 
 _LATER = 0.5  # seconds
 
@@ -122,7 +132,32 @@ def _look():
         points_display.remove_unused()
         _made = _morphs()
         remove_left()
+    if before is not None:
+        hide_appended(_made.keys() - before.keys())
     return None
+
+
+def hide_appended(references):
+    """Hides what morph objects that are new in the file stand for and what makes their discs, where
+    it came with them: their points and shapes, if they aren't rendered."""
+    for reference in references:
+        mesh = find(bpy.data.objects, reference)
+        points = mesh.pointmorph.made_from if mesh.pointmorph.keeps_faces else mesh
+        if not morph_object.is_result(points) or reference_to(points) not in references:
+            continue
+        disc_faces.leave_scenes()
+        hidden = [points, *recipes.shapes_of(points)]
+        hidden += [recipes.original_of(shape) for shape in hidden[1:] if shape is not None]
+        for one in hidden:
+            if one is not None and one.hide_render and _is_there(one):
+                _hide(one)
+
+
+def _hide(obj):
+    for scene in bpy.data.scenes:
+        for layer in scene.view_layers:
+            if layer.objects.get(obj.name) == obj:
+                obj.hide_set(True, view_layer=layer)
 
 
 def _morphs():

@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from scenes import add_mesh, mark, morph, patch, select
+from scenes import add_mesh, mark, morph, pair, patch, select
 
 
 def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
@@ -68,6 +68,28 @@ def test_points_that_somebody_wants_stay(addon, mirrored, how):
     left._stop()
     assert name in bpy.data.objects
     assert points.pointmorph.source.name in bpy.data.objects
+
+
+@pytest.mark.parametrize("kind", ["MESH", "DISCS"])
+def test_what_an_appended_morph_stands_for_is_hidden(addon, settings, tmp_path, kind):
+    left, path = addon("scene.left_copies"), str(tmp_path / "morph.blend")
+    pair()
+    settings.show_as = kind
+    name = morph().name
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    left._look()
+    bpy.ops.wm.append(directory=f"{path}/Object/", filename=name)
+    there = bpy.context.scene.objects
+    assert {"Hill", "Dune", name} <= {obj.name for obj in there if obj.visible_get()}
+    assert {obj.name for obj in there if not obj.hide_render} == {name}
+    left._look()
+    left._stop()
+    assert {obj.name for obj in there if obj.visible_get()} == {name}
+    assert not [obj.name for obj in there if obj.name.startswith(".")]
+    select(bpy.data.objects[name])
+    assert bpy.ops.pointmorph.show_shapes() == {"FINISHED"}
+    assert not bpy.data.objects["Hill"].hide_get()
 
 
 def add_key_to(copy):

@@ -18,6 +18,7 @@ from scenes import (
     pair,
     patch,
     pick,
+    recompute,
     select,
     set_t,
     shown_points,
@@ -157,6 +158,18 @@ def test_recompute_and_bakes_work_from_the_mesh(painted):
     assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=5, step=2) == {"FINISHED"}
     assert shown.hide_get()
     assert points.hide_get()
+
+
+def test_what_is_shown_is_named(settings, capfd):
+    """Not its points, which are hidden."""
+    pair()
+    settings.show_as = "MESH"
+    shown = morph()
+    recompute(shown)
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=2) == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert said.count('"Hill to Dune": 144 pairs') == 2
+    assert 'Baked 2 frames to "Hill to Dune Frames"' in said
 
 
 def test_vertex_groups_that_go_with_the_vertices_are_named(painted, capfd):
