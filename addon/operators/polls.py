@@ -7,7 +7,14 @@ import pointmorph
 from ..core import background_job, done_steps
 from ..data import chains
 from ..data.arrays import MORPHED_TYPES
-from ..scene import blended_textures, morph_object, object_looks, presentation, staleness
+from ..scene import (
+    blended_textures,
+    left_copies,
+    morph_object,
+    object_looks,
+    presentation,
+    staleness,
+)
 from ..scene.shape_reader import is_in
 from . import shading
 
@@ -162,6 +169,7 @@ def present(operator, context, obj, outcome, again=False):
         _blend(operator, shown, outcome.drawn)
     shading.show_colors(context, shown)
     activate(context.view_layer.objects, shown)
+    left_copies.note_morphs()
     for words in said:
         operator.report({"WARNING"}, words)
     say_made(operator, shown, outcome.report)

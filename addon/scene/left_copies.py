@@ -21,6 +21,14 @@ from . import (
 )
 
 _LATER = 0.5  # seconds
+_LISTS = (
+    bpy.types.Collection,
+    bpy.types.Scene,
+    bpy.types.Screen,
+    bpy.types.WindowManager,
+    bpy.types.WorkSpace,
+)
+"""Types of what only lists or shows objects. A scene may still list one that was deleted."""
 
 _made = None
 """By a reference to each morph object at the last look, one to the points that it shows, or None.
@@ -46,8 +54,7 @@ def _remove_deleted(references):
     gone = {obj for obj in found if obj is not None and not obj.users_collection}
     gone = {obj for obj in gone if obj.library is None and obj.data.users == 1}
     for obj, users in bpy.data.user_map(subset=gone).items() if gone else ():
-        # A scene may still list what is in none of its collections.
-        used = any(not isinstance(user, bpy.types.Scene) for user in users - gone)
+        used = any(not isinstance(user, _LISTS) for user in users - gone)
         if not (used or obj.use_fake_user or obj.data.use_fake_user):
             morph_builder.remove(obj)
 
@@ -96,7 +103,7 @@ def _is_used(copy):
         return True
     for user in bpy.data.user_map(subset=[copy])[copy] - {copy}:
         gone = isinstance(user, bpy.types.Object) and not user.users_collection
-        if not gone and not isinstance(user, bpy.types.Collection | bpy.types.Scene):
+        if not gone and not isinstance(user, _LISTS):
             return True
     return False
 
@@ -158,6 +165,13 @@ def _hide(obj):
         for layer in scene.view_layers:
             if layer.objects.get(obj.name) == obj:
                 obj.hide_set(True, view_layer=layer)
+
+
+def note_morphs():
+    """Has morph objects that were just made known before the next look: they may be deleted before
+    anything else changes."""
+    global _made
+    _made = {**(_made or {}), **_morphs()}
 
 
 def _morphs():

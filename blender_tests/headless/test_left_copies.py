@@ -33,9 +33,9 @@ def test_a_copy_goes_with_the_last_morph_of_it(addon, mirrored, settings):
 def test_points_go_with_the_mesh_that_showed_them(addon, mirrored, settings):
     left = addon("scene.left_copies")
     before = {obj.name for obj in bpy.data.objects}
-    shown = morph()
     left._forget()
     left._look()
+    shown = morph()  # nobody looks again before it is deleted
     # As the viewport does: the points keep a pointer to it.
     for home in shown.users_collection:
         home.objects.unlink(shown)

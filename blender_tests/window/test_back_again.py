@@ -85,6 +85,15 @@ def test_pressed_twice_it_is_as_before(window, operator, kind):
     assert window.ask(f"{RESULT}.data.shape_keys.key_blocks['Morph'].value") == pytest.approx(0.4)
 
 
+def test_points_go_with_a_new_morph_that_is_deleted_at_once(window):
+    add_pair(window, 14)
+    window.run("bpy.context.scene.pointmorph.show_as = 'MESH'")
+    press(window, "morph")
+    window.wait(DONE)
+    window.run("with in_viewport(): bpy.ops.object.delete('EXEC_DEFAULT', True)")
+    window.wait("not [o.name for o in bpy.data.objects if o.name.startswith('Hill to')]")
+
+
 @pytest.mark.parametrize("both", [True, False])
 def test_a_copy_goes_with_its_morph_and_comes_back_with_it(window, both):
     add_mirrored_pair(window, 14)
