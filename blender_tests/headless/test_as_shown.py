@@ -570,7 +570,8 @@ def test_a_copy_lies_where_its_original_is(settings):
         collection.objects.unlink(other)
     home.objects.link(other)
     bpy.context.view_layer.update()
-    pick(other, add_mesh("Dune", *patch(9, bump=0.8)))
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
+    pick(other, bpy.context.object)
     places = in_world(other)
     morph()
     copy = settings.source
