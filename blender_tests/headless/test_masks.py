@@ -9,7 +9,7 @@ pytestmark = pytest.mark.interface
 
 
 def ball(name, scale=(1, 1, 1), bump=0.0):
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=16)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)  # the same bits in every Blender
     obj = bpy.context.object
     obj.name = name
     places = coordinates(obj.data.vertices).astype(np.float64)
