@@ -462,22 +462,12 @@ def painted_pixels(image):
     return values
 
 
-def projected(name, image):
-    """An object whose color is an image that is projected from all sides, as no reader reads."""
-    obj = add_mesh(name, *patch(9))
-    flat_uvs(obj)
-    made = material(name)
-    node = with_nodes(made, "ShaderNodeTexImage", "Color", "UV")
-    node.projection, node.image = "BOX", image
-    obj.data.materials.append(made)
-    return obj
+PAINTED = ("saved", "packed", "generated", "float", "data", "transparent")
 
 
-@pytest.mark.parametrize("kind", ["saved", "packed", "generated", "float", "data", "transparent"])
-def test_another_blender_bakes_what_was_painted_and_is_in_no_file(
-    addon, settings, elsewhere, tmp_path, request, kind
-):
-    pixels = np.random.default_rng(3).uniform(0.1, 0.9, (8, 16, 4)).astype(np.float32)
+def paint(kind, number, folder):
+    """An image that was scaled and painted since it was made, or last saved."""
+    pixels = np.random.default_rng(number).uniform(0.1, 0.9, (8, 16, 4)).astype(np.float32)
     if kind != "transparent":
         pixels[..., 3] = 1.0
     image = new_image("Paint", np.zeros((4, 4, 4), np.float32), packed=kind == "packed")
@@ -487,24 +477,55 @@ def test_another_blender_bakes_what_was_painted_and_is_in_no_file(
     if kind == "data":
         image.colorspace_settings.name = "Non-Color"
     if kind == "saved":
-        image.filepath_raw, image.file_format = str(tmp_path / "paint.png"), "PNG"
+        image.filepath_raw, image.file_format = str(folder / "paint.png"), "PNG"
         image.save()
     image.scale(16, 8)
     image.pixels.foreach_set(pixels.reshape(-1))
     image.update()
     assert image.is_dirty
-    obj, before = projected("Sheet", image), painted_pixels(image)
+    return image
+
+
+def projected(images):
+    """A sheet with two rows of faces for each image, which is projected from all sides, as no
+    reader reads."""
+    rows = 2 * len(images)
+    obj = add_mesh("Sheet", *patch(rows + 1))
+    flat_uvs(obj)
+    for image in images:
+        made = material("Painted")
+        node = with_nodes(made, "ShaderNodeTexImage", "Color", "UV")
+        node.projection, node.image = "BOX", image
+        obj.data.materials.append(made)
+    slots = np.arange(rows * rows, dtype=np.int32) // (2 * rows)
+    obj.data.polygons.foreach_set("material_index", slots)
+    return obj
+
+
+def test_another_blender_bakes_what_was_painted_and_is_in_no_file(
+    addon, settings, elsewhere, tmp_path, request
+):
+    """Of images of every kind, which other Blenders would take one by one, but are slow to start."""
+    images = [paint(kind, number, tmp_path) for number, kind in enumerate(PAINTED)]
+    obj, before = projected(images), [painted_pixels(image) for image in images]
     before_blocks = data_blocks()
     colors = read_shape(addon, obj).colors
     assert [process.returncode for process in elsewhere] == [0]
-    assert np.ptp(colors[:, :3]) > 0.1
-    assert image.is_dirty  # and still the user's to save
-    assert tuple(image.size) == (16, 8)
-    np.testing.assert_array_equal(painted_pixels(image), before)
+    for image, pixels in zip(images, before, strict=True):
+        assert image.is_dirty  # and still the user's to save
+        assert tuple(image.size) == (16, 8)
+        np.testing.assert_array_equal(painted_pixels(image), pixels)
     assert data_blocks() == before_blocks
     request.getfixturevalue("monkeypatch").undo()
     addon("scene.baked_colors")._known.clear()
-    np.testing.assert_array_equal(read_shape(addon, obj).colors, colors)
+    expected = read_shape(addon, obj).colors
+    # By column of the sheet's vertices: every second one shows a single image.
+    columns = len(PAINTED) * 2 + 1
+    found, expected = (values.reshape(columns, columns, 4) for values in (colors, expected))
+    for number, kind in enumerate(PAINTED):
+        assert np.ptp(found[2 * number + 1, :, :3]) > 0.1, kind
+        np.testing.assert_array_equal(found[2 * number + 1], expected[2 * number + 1], kind)
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_without_cycles_it_is_said_what_to_do(addon, settings, capfd, monkeypatch):
