@@ -41,33 +41,49 @@ def addon(module):
     return lambda name: importlib.import_module(f"{module}.{name}")
 
 
+def put_in_order():
+    """Has an empty scene show a morph as its points, which go straight: so a test knows where they
+    are. Returns its settings."""
+    settings = bpy.context.scene.pointmorph
+    settings.show_as, settings.path = "POINTS", "linear"
+    return settings
+
+
 @pytest.fixture(scope="session")
 def known_nodes(addon, tmp_path_factory):
-    """A file with the groups of nodes that most results have, as the add-on makes them."""
-    path = str(tmp_path_factory.mktemp("nodes") / "nodes.blend")
+    """A file with an empty scene, and with the groups of nodes that most results have, as the
+    add-on makes them."""
+    folder = tmp_path_factory.mktemp("nodes")
+    groups, start = str(folder / "nodes.blend"), str(folder / "start.blend")
     bpy.ops.wm.read_homefile(use_empty=True)
     scenes.pair()
     scenes.morph()
     for make in ("cached_group", "rows_group"):
         getattr(addon("scene.frames_display"), make)(created=lambda block: None)
-    bpy.data.libraries.write(path, set(bpy.data.node_groups))
-    return path
+    bpy.data.libraries.write(groups, set(bpy.data.node_groups))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(groups) as (there, loaded):
+        loaded.node_groups = there.node_groups
+    for group in bpy.data.node_groups:
+        group.use_fake_user = True  # else what nothing uses is not saved
+    put_in_order()
+    bpy.ops.wm.save_as_mainfile(filepath=start, copy=True)
+    return start
 
 
 @pytest.fixture(autouse=True)
 def settings(request, known_nodes):
-    """`scene.pointmorph` of an empty scene, where a morph is shown as its points, which go
-    straight: so a test knows where they are.
+    """`scene.pointmorph` of an empty scene.
 
     As after an earlier morph, the file has the groups of nodes, which take most of a small morph's
     time; not where a test is marked `makes_nodes`.
     """
-    bpy.ops.wm.read_homefile(use_empty=True)
-    if not request.node.get_closest_marker("makes_nodes"):
-        with bpy.data.libraries.load(known_nodes) as (there, loaded):
-            loaded.node_groups = there.node_groups
-    bpy.context.scene.pointmorph.show_as = "POINTS"
-    bpy.context.scene.pointmorph.path = "linear"
+    if request.node.get_closest_marker("makes_nodes"):
+        bpy.ops.wm.read_homefile(use_empty=True)
+        return put_in_order()
+    bpy.ops.wm.read_homefile(filepath=known_nodes)
+    for group in bpy.data.node_groups:
+        group.use_fake_user = False
     return bpy.context.scene.pointmorph
 
 

@@ -505,7 +505,7 @@ def projected(images):
 def test_another_blender_bakes_what_was_painted_and_is_in_no_file(
     addon, settings, elsewhere, tmp_path, request
 ):
-    """Of images of every kind, which other Blenders would take one by one, but are slow to start."""
+    """Images of every kind at once, because each other Blender takes long to start."""
     images = [paint(kind, number, tmp_path) for number, kind in enumerate(PAINTED)]
     obj, before = projected(images), [painted_pixels(image) for image in images]
     before_blocks = data_blocks()
