@@ -8,6 +8,7 @@ import json
 import pkgutil
 import re
 import runpy
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -46,21 +47,26 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert ((ROOT / page).parent / target).exists(), target
 
 
+def two_balls() -> tuple[Any, Any]:
+    return ball(600), 2.0 * ball(700)
+
+
+@cache
+def morphed() -> pointmorph.Morph:
+    return pointmorph.morph(*map(pointmorph.Cloud, two_balls()))
+
+
 @pytest.mark.parametrize(
     "page", ["README.md", "docs/python.md", "docs/resampling.md", "docs/morph_file.md"]
 )
 def test_python_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    source, target = ball(600), 2.0 * ball(700)
+    source, target = two_balls()
     for name, points in (("venus", source), ("mannequin", target)):
         count = len(points)
         colors, radii = np.ones((count, 4)), np.full(count, 0.1)
         formats.write_ply(f"{name}.ply", points, points, colors, radii)
-    names = {
-        "source_positions": source,
-        "target_positions": target,
-        "morph": pointmorph.morph(pointmorph.Cloud(source), pointmorph.Cloud(target)),
-    }
+    names = {"source_positions": source, "target_positions": target, "morph": morphed()}
     text = (ROOT / page).read_text(encoding="utf-8")
     examples = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     assert examples

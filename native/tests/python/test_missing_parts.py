@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import made_models
@@ -164,6 +165,10 @@ def test_without_marks_a_part_lies_where_it_belongs(lost: int, is_source: bool) 
     assert morph.report["confidence"] > 0.9
 
 
+# Each is morphed in both directions.
+alone_pair, cut_pair = cache(made_models.alone_pair), cache(made_models.cut_pair)
+
+
 def named(name: str, shape: Body) -> pointmorph.Cloud:
     return pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
 
@@ -173,7 +178,7 @@ def named(name: str, shape: Body) -> pointmorph.Cloud:
 def test_a_head_alone_goes_to_the_head_of_another_body(
     is_source: bool, seed: int, farthest: float
 ) -> None:
-    head, body = made_models.alone_pair(seed, 6000)
+    head, body = alone_pair(seed, 6000)
     clouds = [named("head", head), named("body", body)]
     morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
     images = morph.source_to_target if is_source else morph.target_to_source
@@ -204,7 +209,7 @@ def test_a_head_alone_goes_to_the_head_of_another_body(
 # small that few balls fit between the spacing of the body and its rim.
 @pytest.mark.parametrize("seed", [2, 10, 14, 18, 19, 74])
 def test_what_is_alone_is_as_large_as_on_the_whole(seed: int) -> None:
-    part, body = made_models.alone_pair(seed, 8000)
+    part, body = alone_pair(seed, 8000)
     morph = pointmorph.morph(named("part", part), named("body", body))
     spacing = np.sqrt(cloud_area(body.positions) / len(body.positions))
     off = np.linalg.norm(morph.source_to_target - part.truth, axis=1)[part.is_shared]
@@ -215,7 +220,7 @@ def test_what_is_alone_is_as_large_as_on_the_whole(seed: int) -> None:
 
 @pytest.mark.parametrize("is_source", [True, False])
 def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
-    cut, whole = made_models.cut_pair(1, 8000)
+    cut, whole = cut_pair(1, 8000)
     clouds = [named("cut", cut), named("whole", whole)]
     morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
     back = morph.target_to_source if is_source else morph.source_to_target
@@ -236,7 +241,7 @@ def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
 
 
 def test_a_tail_whose_hole_is_too_small_is_named() -> None:
-    cut, whole = made_models.cut_pair(2, 8000)
+    cut, whole = cut_pair(2, 8000)
     morph = pointmorph.morph(named("cut", cut), named("whole", whole))
     confidence = morph.measure_confidence()
     tail = cKDTree(cut.positions).query(whole.truth)[0] > 0.2

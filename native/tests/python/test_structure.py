@@ -520,11 +520,22 @@ def test_every_picture_is_drawn_by_a_script_and_shown_on_a_page() -> None:
     assert pictures <= set(shown)
 
 
-@pytest.mark.parametrize("name", ["motion", "lod"])
-def test_pictures_are_drawn_by_script(name: str, tmp_path: Path) -> None:
+LIBRARY = ROOT / "build" / "wheel" / "libpointmorph_core.a"
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where pictures lie that were drawn now, as many of two as can be, by one process."""
     for module in ("matplotlib", "scipy"):  # .venv has them; other Pythons needn't
         pytest.importorskip(module)
-    if name == "lod" and not (ROOT / "build" / "wheel" / "libpointmorph_core.a").is_file():
+    folder = tmp_path_factory.mktemp("pictures")
+    names = ["motion", *(["lod"] if LIBRARY.is_file() else [])]
+    subprocess.run([sys.executable, SCRIPT, "--folder", folder, *names], check=True)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["motion", "lod"])
+def test_pictures_are_drawn_by_script(name: str, drawn: Path) -> None:
+    if name == "lod" and not LIBRARY.is_file():
         pytest.skip("the library that its stage is compiled against isn't built here")
-    subprocess.run([sys.executable, SCRIPT, "--folder", tmp_path, name], check=True)
-    assert_fits_a_page(tmp_path / f"{name}.png")
+    assert_fits_a_page(drawn / f"{name}.png")
