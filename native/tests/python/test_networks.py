@@ -9,8 +9,8 @@ import pytest
 from pointmorph.commands import cli
 from shapes import CUBE, SQUARES, around_torus, torus
 
-SOURCE, TARGET = (pointmorph.Cloud(torus(*size)) for size in ((0.4, 90, 36), (0.3, 84, 30)))
-ROWS = around_torus(90, 36), around_torus(84, 30)
+SOURCE, TARGET = (pointmorph.Cloud(torus(*size)) for size in ((0.4, 60, 24), (0.3, 54, 21)))
+ROWS = around_torus(60, 24), around_torus(54, 21)
 FEATURES = {name: (ROWS[0][name], ROWS[1][name]) for name in ROWS[0]}
 
 
