@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,19 +46,24 @@ def turn(angle: float, axis: tuple[float, float, float]) -> Array:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
+@cache
+def cube_to_ball() -> pointmorph.Morph:
+    points, faces = ball()
+    return pointmorph.morph(
+        pointmorph.Cloud(CUBE, faces=SQUARES), pointmorph.Cloud(points, faces=faces)
+    )
+
+
 def covers(pairs: Array, sources: int, targets: int) -> bool:
     return set(pairs[:, 0]) == set(range(sources)) and set(pairs[:, 1]) == set(range(targets))
 
 
 def test_a_cube_of_eight_vertices_becomes_a_ball() -> None:
-    points, faces = ball()
-    cube, sphere = pointmorph.Cloud(CUBE, faces=SQUARES), pointmorph.Cloud(points, faces=faces)
-    for source, target in ((cube, sphere), (sphere, cube)):
-        morph = pointmorph.morph(source, target)
-        assert covers(morph.pairs, len(source), len(target))
-        assert morph.frame(0.5).positions.shape == (len(morph.pairs), 3)
-        assert np.isfinite(morph.wrapped(1.0)).all()
-    morph = pointmorph.morph(cube, sphere)
+    morph = cube_to_ball()
+    for one in (morph, pointmorph.morph(morph.target, morph.source)):
+        assert covers(one.pairs, len(one.source), len(one.target))
+        assert one.frame(0.5).positions.shape == (len(one.pairs), 3)
+        assert np.isfinite(one.wrapped(1.0)).all()
     assert np.abs(np.linalg.norm(morph.wrapped(1.0), axis=1) - 1).max() < 0.05
     # Points of large faces aren't balls that hide each other.
     assert morph.frame(0).radii.max() < 0.26 * np.ptp(CUBE)
@@ -292,9 +298,8 @@ def test_weights_are_checked(weights: Array) -> None:
 
 
 def test_wrapping_has_settings() -> None:
-    points, faces = ball()
-    ends = pointmorph.Cloud(CUBE, faces=SQUARES), pointmorph.Cloud(points, faces=faces)
-    firm = pointmorph.morph(*ends).wrapped(1.0)
+    ends = cube_to_ball().source, cube_to_ball().target
+    firm = cube_to_ball().wrapped(1.0)
     loose = pointmorph.morph(*ends, wrap_conform=0.0).wrapped(1.0)
     assert not np.array_equal(firm, loose)
     relaxed = pointmorph.morph(*ends, wrap_relax=10).wrapped(1.0)
@@ -303,9 +308,7 @@ def test_wrapping_has_settings() -> None:
 
 
 def test_a_denser_mesh_carries_what_vertices_have() -> None:
-    points, faces = ball()
-    cube = pointmorph.Cloud(CUBE, faces=SQUARES)
-    morph = pointmorph.morph(cube, pointmorph.Cloud(points, faces=faces))
+    morph = cube_to_ball()
     mesh = morph.denser(tolerance=0.01)
     assert len(mesh.positions) == 8 + len(mesh.ends)
     assert np.array_equal(mesh.positions[:8], CUBE)
