@@ -52,7 +52,9 @@ def tree_of(positions, faces):
 
 
 def farthest(places, positions, faces):
-    """The 99th percentile of the distances of places from faces, in √area of those."""
+    """The 99th percentile of the distances of places from faces, in √area of those: of at most ten
+    thousand places, evenly many between those that are left out."""
+    places = places[:: 1 + len(places) // 10_000]
     corners = positions[faces].astype(float)
     sides = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
