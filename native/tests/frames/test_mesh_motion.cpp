@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <array>
 #include <functional>
 #include <numbers>
 #include <random>
@@ -183,6 +184,51 @@ TEST(MeshMotion, ATubeUntwistsByWholeTurns) {
             EXPECT_LT(distance(trip.motion.at(t), at(t)), 0.1) << turns << " at " << t;
         EXPECT_LT(distance(trip.motion.at(1.0), at(1.0)), 1e-9) << turns;
     }
+}
+
+/// A cup around z with a wall as thick as between the radii, which is as high as 2; the floors are
+/// at 0 and `floor`.
+Cloud cup(double outer, double inner, double rim, double floor) {
+    constexpr Index kSides = 24;
+    const std::array<std::pair<double, double>, 6> rings{
+        std::pair{outer, 0.0}, {outer, 2.0},   {0.5 * (outer + inner), rim},
+        {inner, 2.0},          {inner, floor}, {0.5 * inner, floor}};
+    Cloud cloud = mesh_shapes::cylinder(kSides);
+    cloud.faces = {};
+    cloud.positions.resize(to_index(rings.size()) * kSides, 3);
+    std::vector<Index> below, within;
+    for (Index s = 0; s < kSides; ++s) {
+        const double angle = 2.0 * std::numbers::pi * s / kSides;
+        const Index next = (s + 1) % kSides;
+        for (Index r = 0; r < to_index(rings.size()); ++r) {
+            const auto& [radius, height] = rings[to_size(r)];
+            cloud.positions.row(r * kSides + s) << radius * std::cos(angle),
+                radius * std::sin(angle), height;
+            if (r + 1 < to_index(rings.size()))
+                mesh_shapes::add_face(cloud.faces, {r * kSides + s, r * kSides + next,
+                                                    (r + 1) * kSides + next, (r + 1) * kSides + s});
+        }
+        below.insert(below.begin(), s);
+        within.push_back((to_index(rings.size()) - 1) * kSides + s);
+    }
+    mesh_shapes::add_face(cloud.faces, below);
+    mesh_shapes::add_face(cloud.faces, within);
+    return cloud;
+}
+
+TEST(MeshMotion, TheInsideOfACupStaysInsideWhereTheWallComesOutOnItsOtherSide) {
+    const Cloud thick = cup(1.0, 0.9, 2.0, 0.1);
+    for (const double inner : {0.97, 1.03, 1.1})
+        for (const double rim : {1.95, 2.0, 2.05}) {
+            const Cloud thin = cup(1.0, inner, rim, 0.3);
+            const Trip trip(thick, thin.positions, PathKind::kRigid);
+            for (const double t : {0.25, 0.5, 0.75}) {
+                const Positions vertices = trip.motion.at(t);
+                const Positions straight = (1.0 - t) * thick.positions + t * thin.positions;
+                EXPECT_LT((vertices - straight).rowwise().norm().maxCoeff(), 0.3)
+                    << inner << " " << rim << " at " << t;
+            }
+        }
 }
 
 TEST(MeshMotion, AnEggThatBendsAndTwistsGetsNoCrease) {
