@@ -76,17 +76,24 @@ double dearer_by_unlikeness(const PoseSearch& search, const BothImages& images) 
     return std::pow(0.5 * (there + back) + kFloor, search.options.likeness);
 }
 
-/// The factor by which a map's energy is larger for rotating the target from how it was given.
-double dearer_by_turning(const PoseSearch& search, const Similarity& implied_alignment) {
+/// The factor by which a map's energy is larger for rotating the target from how it was given;
+/// `misfit` is what the energy is without any factor, on the finest level.
+double dearer_by_turning(const PoseSearch& search, const Similarity& implied_alignment,
+                         double misfit) {
+    constexpr double kMost = 4.0;
     const PoseOptions& options = search.options;
-    const double angle = angle_axis(implied_alignment.rotation).angle();
-    return 1.0 + (options.as_given - 1.0) * std::min(1.0, angle / options.as_given_angle);
+    const double share =
+        std::min(1.0, angle_axis(implied_alignment.rotation).angle() / options.as_given_angle);
+    const double ratio = misfit / options.alike;
+    const double unlike = options.unlike * std::clamp(ratio * ratio - 1.0, 0.0, kMost);
+    return 1.0 + share * (options.as_given - 1.0 + unlike);
 }
 
 double dearer_by_turning(const PoseSearch& search, const Candidate& map) {
-    return dearer_by_turning(
-        search, implied_pose(search.source.full.positions, map.registration.source_points.positions,
-                             map.alignment));
+    return dearer_by_turning(search,
+                             implied_pose(search.source.full.positions,
+                                          map.registration.source_points.positions, map.alignment),
+                             map.misfit.energy());
 }
 
 /// A trial at its end, whose energy has been all but for likeness so far.
@@ -126,10 +133,12 @@ public:
         Progress silent;
         Trial trial{alignment_, run_.result()};
         const Registration& its = trial.registration;
-        trial.energy =
+        constexpr double kFinest = 1.0 / 2.3;  // what is left of it there
+        const double misfit =
             registration_misfit(shapes_, 0, its, search_.distances, search_.registration, silent)
-                .energy() *
-            dearer_by_turning(search_, implied_pose(search_, trial));
+                .energy();
+        trial.energy =
+            misfit * dearer_by_turning(search_, implied_pose(search_, trial), kFinest * misfit);
         if (!search_.has_symmetries()) return trial;
         const Positions images = alignment_.inverse().apply(its.source_points.positions);
         trial.energy *=

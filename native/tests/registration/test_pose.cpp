@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -305,6 +306,7 @@ TEST(Pose, AMapCostsMoreTheFartherItTurnsTheTarget) {
     }
     PoseOptions without;
     without.as_given = 1.0;
+    without.unlike = 0.0;
     Progress progress;
     EXPECT_LT(find_pose({source, egg(2200, 0.0, 2, Matrix3::Identity())}, without, {}, progress)
                   .confidence,
@@ -326,9 +328,42 @@ TEST(Pose, ACubeOnABallIsNoCoinTossAsItWasGiven) {
     EXPECT_GT(pose_between(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
     PoseOptions without;
     without.as_given = 1.0;
+    without.unlike = 0.0;
     Progress progress;
     EXPECT_LT(find_pose({ball, coarse_of_cloud(cube, normals)}, without, {}, progress).confidence,
               0.4);
+}
+
+TEST(Pose, UnlikeShapesStayAsTheyWereGiven) {
+    SKIP_WHERE_WATCHED();
+    // A ring has little in common with an egg; it lies a bit better along it than round it.
+    const Vector3 axes(0.3, 0.33, 0.4);
+    const Positions directions = shapes::sphere(2500) * shapes::rotation(3).transpose();
+    const CoarseShape egg =
+        coarse_of_cloud(directions * axes.asDiagonal(),
+                        (directions * axes.cwiseInverse().asDiagonal()).rowwise().normalized());
+    constexpr Index kCount = 2200;
+    constexpr double kGoldenAngle = 2.399963;
+    Positions places(kCount, 3);
+    Normals normals(kCount, 3);
+    for (Index i = 0; i < kCount; ++i) {
+        const double across = kGoldenAngle * i, along = 2.0 * std::numbers::pi * (i + 0.5) / kCount;
+        normals.row(i) << std::cos(across) * std::cos(along), std::cos(across) * std::sin(along),
+            std::sin(across);
+        places.row(i) << 0.4 * std::cos(along), 0.4 * std::sin(along), 0.0;
+    }
+    places += 0.13 * normals;
+    const CoarseShape ring = coarse_of_cloud(places, normals);
+    const auto turned = [&](const PoseOptions& options) {
+        Progress progress;
+        const Pose pose = find_pose({ring, egg}, options, {}, progress);
+        const Similarity implied = fit_similarity(ring.positions, images_at_rest(pose.best));
+        return Eigen::AngleAxisd(implied.rotation).angle();
+    };
+    EXPECT_LT(turned({}), 0.2);
+    PoseOptions without;
+    without.unlike = 0.0;
+    EXPECT_GT(turned(without), 1.0);
 }
 
 TEST(Pose, AMapIsRatedByHowAlikeItsPointsAre) {
