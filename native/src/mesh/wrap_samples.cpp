@@ -42,7 +42,7 @@ Normals smoothed(const OrientedPoints& points, Progress& progress) {
 
 std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
                                  const std::vector<Index>& parts) {
-    constexpr double kMost = 0.6;
+    constexpr double kMost = 0.6, kMuch = 0.1;
     const auto count = to_index(mesh.part_areas.size());
     std::vector<Index> result(to_size(count), -1);
     if (parts.empty()) return result;
@@ -57,10 +57,18 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
         tree.nearest(start.row(p).data(), {&nearest, 1}, {&squared, 1});
         votes(mesh.parts[to_size(p)], parts[to_size(nearest)]) += 1.0;
     }
+    // A bottle that becomes a lamp is its foot and its shade as well, which nothing else becomes.
+    const auto becomes = [&](Index part, Index target) {
+        return votes(part, target) > kMuch * votes.row(part).sum() &&
+               votes(part, target) == votes.col(target).maxCoeff();
+    };
     for (Index part = 0; part < count; ++part) {
         Index best = 0;
         const double most = votes.row(part).maxCoeff(&best);
-        if (most > kMost * votes.row(part).sum()) result[to_size(part)] = best;
+        bool is_one = most > kMost * votes.row(part).sum();
+        for (Index target = 0; is_one && target < targets; ++target)
+            is_one = target == best || !becomes(part, target);
+        if (is_one) result[to_size(part)] = best;
     }
     return result;
 }

@@ -20,7 +20,8 @@ struct WrapPartners {
 };
 
 /// The part of the target whose samples lie nearest to most of each part of the mesh, which is at
-/// `start`; −1 where none has most. `parts` says which part each of the samples belongs to.
+/// `start`; −1 where none has most, or where it is much of another that nothing else becomes.
+/// `parts` says which part each of the samples belongs to.
 std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
                                  const std::vector<Index>& parts);
 

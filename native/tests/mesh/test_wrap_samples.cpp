@@ -1,0 +1,60 @@
+#include "mesh/wrap_samples.hpp"
+
+#include <gtest/gtest.h>
+
+#include <initializer_list>
+#include <vector>
+
+#include "mesh_shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// Samples of three parts of a target, far apart.
+const std::vector<Index> kParts{0, 1, 2};
+
+Positions places_of_parts() {
+    Positions places(3, 3);
+    places << 0, 0, 0, 10, 0, 0, 20, 0, 0;
+    return places;
+}
+
+/// Starts of a mesh of two balls: so many percent of each at the places of each of the target's
+/// parts.
+Positions starts(const Mesh& mesh, const std::vector<std::vector<Index>>& percent) {
+    Positions result(mesh.positions.rows(), 3);
+    std::vector<Index> seen(percent.size(), 0), all(percent.size(), 0);
+    for (const Index part : mesh.parts) ++all[to_size(part)];
+    for (Index p = 0; p < to_index(result.rows()); ++p) {
+        const std::size_t part = to_size(mesh.parts[to_size(p)]);
+        const Index share = 100 * seen[part]++ / all[part];
+        Index target = 0;
+        for (Index end = percent[part][0]; share >= end;) end += percent[part][to_size(++target)];
+        result.row(p) = places_of_parts().row(target);
+    }
+    return result;
+}
+
+std::vector<Index> kept(const std::vector<std::vector<Index>>& percent) {
+    const Mesh mesh = make_mesh(mesh_shapes::together(
+        mesh_shapes::icosphere(3),
+        mesh_shapes::moved(mesh_shapes::icosphere(3), Matrix3::Identity(), Vector3(5, 0, 0))));
+    return parts_kept_to(mesh, starts(mesh, percent), places_of_parts(), kParts);
+}
+
+TEST(WrapSamples, KeepAPartToWhatMostOfItBecomes) {
+    // Eyes stay eyes, and heads have none on them.
+    EXPECT_EQ(kept({{95, 5, 0}, {0, 100, 0}}), (std::vector<Index>{0, 1}));
+    EXPECT_EQ(kept({{65, 35, 0}, {0, 100, 0}}), (std::vector<Index>{0, 1}));
+    EXPECT_EQ(kept({{50, 50, 0}, {30, 0, 70}}), (std::vector<Index>{-1, 2}));
+}
+
+TEST(WrapSamples, LetAPartBeSeveralThatNothingElseBecomes) {
+    // A bottle that becomes a lamp is its foot and its shade as well.
+    EXPECT_EQ(kept({{70, 15, 15}, {100, 0, 0}}), (std::vector<Index>{-1, 0}));
+    EXPECT_EQ(kept({{70, 0, 30}, {0, 100, 0}}), (std::vector<Index>{-1, 1}));
+    EXPECT_EQ(kept({{92, 0, 8}, {0, 100, 0}}), (std::vector<Index>{0, 1}));
+}
+
+}  // namespace
+}  // namespace pointmorph
