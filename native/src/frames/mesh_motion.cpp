@@ -155,9 +155,10 @@ Move move_between(const Sides& rest, const Sides& end, const std::array<Vector3,
     return move;
 }
 
-/// A turn by whole turns more or less where that goes on from a neighbor's. What is far from the
-/// neighbor's either way, as beyond a fold that comes to lie on its other side, turns least.
-Turn continued(const Vector3& rotation, const Turn& neighbor) {
+/// The turn by whole turns more or less that goes on from a neighbor's. What is far from that
+/// either way, as beyond a fold of about half a turn that comes to lie on its other side, turns
+/// least.
+Turn lifted_beside(const Vector3& rotation, const Turn& neighbor) {
     constexpr double kGoesOn = kTurn / 3.0;
     const Turn turn = turn_near(rotation, neighbor);
     return turn.apart(neighbor) < kGoesOn ? turn : Turn{rotation, Vector3::Zero()};
@@ -199,7 +200,7 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
             if (is_done[to_size(f)]) continue;
             Move& move = moves[to_size(f)];
             const Turn& other = moves[to_size(from)].turn;
-            move.turn = move.is_sure ? continued(move.turn.whole, other) : other;
+            move.turn = move.is_sure ? lifted_beside(move.turn.whole, other) : other;
             finish(f);
         }
     }

@@ -495,6 +495,12 @@ Pose rated(const CoarsePair& shapes, std::vector<Candidate> maps,
     return pose;
 }
 
+double least_misfit(const std::vector<Candidate>& maps) {
+    double least = std::numeric_limits<double>::infinity();
+    for (const Candidate& map : maps) least = std::min(least, map.misfit.energy());
+    return least;
+}
+
 /// Extremities of a thinned shape as coarse rows.
 std::vector<Extremity> in_full(const ThinnedShape& shape) {
     std::vector<Extremity> result = shape.extremities;
@@ -523,6 +529,8 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     });
     auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
+    std::vector<Candidate> none;
+    keep_unlike_as_given(search, least_misfit(search, trials), trials, none);
     std::vector<ExtremityMatches> tried;
     Finals so_far;
     const auto vary = [&](const PoseEffort& effort, Index rounds, double first, double last) {
@@ -548,6 +556,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
     add_rolled(search, finals);
+    keep_unlike_as_given(search, least_misfit(finals), trials, finals);
     const std::vector<NodeImages> tried_images = node_images(trials);
     Alternatives alternatives = alternatives_to_first(shapes, finals, tried_images);
     keep_distinct(finals, options.distinct);

@@ -84,7 +84,6 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
     PoseOptions its = options;
     its.spread_ratio = kAlike;
     its.as_given = 1.0;  // a shape stands as its mirror image does
-    its.unlike = 0.0;
     if (turns_onto_itself(plain, its)) return {};
     const CoarseShape image = mirrored(plain);
     const PoseSearch search{

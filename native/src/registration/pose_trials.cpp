@@ -76,24 +76,18 @@ double dearer_by_unlikeness(const PoseSearch& search, const BothImages& images) 
     return std::pow(0.5 * (there + back) + kFloor, search.options.likeness);
 }
 
-/// The factor by which a map's energy is larger for rotating the target from how it was given;
-/// `misfit` is what the energy is without any factor, on the finest level.
-double dearer_by_turning(const PoseSearch& search, const Similarity& implied_alignment,
-                         double misfit) {
-    constexpr double kMost = 4.0;
-    const PoseOptions& options = search.options;
-    const double share =
-        std::min(1.0, angle_axis(implied_alignment.rotation).angle() / options.as_given_angle);
-    const double ratio = misfit / options.alike;
-    const double unlike = options.unlike * std::clamp(ratio * ratio - 1.0, 0.0, kMost);
-    return 1.0 + share * (options.as_given - 1.0 + unlike);
+Similarity implied_pose(const PoseSearch& search, const Candidate& map) {
+    return implied_pose(search.source.full.positions, map.registration.source_points.positions,
+                        map.alignment);
 }
 
-double dearer_by_turning(const PoseSearch& search, const Candidate& map) {
-    return dearer_by_turning(search,
-                             implied_pose(search.source.full.positions,
-                                          map.registration.source_points.positions, map.alignment),
-                             map.misfit.energy());
+/// The factor by which a map's energy is larger for rotating the target from how it was given.
+template <class Map>
+double dearer_by_turning(const PoseSearch& search, const Map& map) {
+    const PoseOptions& options = search.options;
+    const double angle = angle_axis(implied_pose(search, map).rotation).angle();
+    return 1.0 +
+           (options.as_given - 1.0 + search.unlike) * std::min(1.0, angle / options.as_given_angle);
 }
 
 /// A trial at its end, whose energy has been all but for likeness so far.
@@ -133,12 +127,10 @@ public:
         Progress silent;
         Trial trial{alignment_, run_.result()};
         const Registration& its = trial.registration;
-        constexpr double kFinest = 1.0 / 2.3;  // what is left of it there
-        const double misfit =
-            registration_misfit(shapes_, 0, its, search_.distances, search_.registration, silent)
-                .energy();
         trial.energy =
-            misfit * dearer_by_turning(search_, implied_pose(search_, trial), kFinest * misfit);
+            registration_misfit(shapes_, 0, its, search_.distances, search_.registration, silent)
+                .energy() *
+            dearer_by_turning(search_, trial);
         if (!search_.has_symmetries()) return trial;
         const Positions images = alignment_.inverse().apply(its.source_points.positions);
         trial.energy *=
@@ -416,6 +408,43 @@ void count_likeness(PoseSearch& search, std::vector<Trial>& trials) {
     search.counts_likeness = search.source.forms.rows() > 0 && search.target.forms.rows() > 0;
     for (Trial& trial : trials) trial = with_likeness(search, std::move(trial));
     std::ranges::stable_sort(trials, {}, &Trial::energy);
+}
+
+double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials) {
+    constexpr double kFinest = 1.0 / 2.3;  // what is left of a trial's at the finest level
+    double least = std::numeric_limits<double>::infinity();
+    for (const Trial& trial : trials)
+        least = std::min(least, trial.energy / dearer_by_turning(search, trial));
+    return kFinest * least;
+}
+
+void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
+                          std::vector<Candidate>& maps) {
+    constexpr double kMost = 2.0;
+    const PoseOptions& options = search.options;
+    const double ratio = misfit > options.alike ? misfit / options.alike : 1.0;
+    const double unlike = options.unlike * std::min(ratio * ratio - 1.0, kMost);
+    if (unlike == search.unlike) return;
+    const auto turnings = [&](const auto& all) {
+        Values factors(static_cast<Eigen::Index>(all.size()));
+        for (std::size_t k = 0; k < all.size(); ++k)
+            factors[static_cast<Eigen::Index>(k)] = dearer_by_turning(search, all[k]);
+        return factors;
+    };
+    const Values of_trials = turnings(trials), of_maps = turnings(maps);
+    search.unlike = unlike;
+    const Values trials_more = turnings(trials).cwiseQuotient(of_trials),
+                 maps_more = turnings(maps).cwiseQuotient(of_maps);
+    for (std::size_t k = 0; k < trials.size(); ++k)
+        trials[k].energy *= trials_more[static_cast<Eigen::Index>(k)];
+    std::ranges::stable_sort(trials, {}, &Trial::energy);
+    for (std::size_t k = 0; k < maps.size(); ++k) {
+        // What a rolled map costs has been said by what the best one does.
+        const double more = maps_more[maps[k].is_rolled ? 0 : static_cast<Eigen::Index>(k)];
+        maps[k].energy *= more;
+        maps[k].cost *= more;
+    }
+    std::ranges::stable_sort(maps, {}, &Candidate::cost);
 }
 
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,

@@ -58,6 +58,8 @@ struct PoseSearch {
     /// Whether maps are dearer that take points to unlike ones; halfway, where images are still off
     /// the other surface, none is.
     bool counts_likeness = false;
+    /// What is added to PoseOptions::as_given, as the shapes have little in common.
+    double unlike = 0.0;
 
     bool has_symmetries() const {
         return symmetries[0].images.rows() > 0 && symmetries[1].images.rows() > 0;
@@ -147,6 +149,14 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
 
 /// From now on likeness counts: the trials' energies grow by it, and they are sorted anew.
 void count_likeness(PoseSearch& search, std::vector<Trial>& trials);
+
+/// Of trials before likeness counts: what the best map's misfit will be at the finest level, about.
+double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials);
+
+/// From now on turning costs as much as it does between shapes whose best map has this misfit: the
+/// energies of trials and of maps, the best first, change by it, and both are sorted anew.
+void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
+                          std::vector<Candidate>& maps);
 
 /// All of them registered for longer; what is distinct, sorted.
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,

@@ -306,7 +306,6 @@ TEST(Pose, AMapCostsMoreTheFartherItTurnsTheTarget) {
     }
     PoseOptions without;
     without.as_given = 1.0;
-    without.unlike = 0.0;
     Progress progress;
     EXPECT_LT(find_pose({source, egg(2200, 0.0, 2, Matrix3::Identity())}, without, {}, progress)
                   .confidence,
@@ -328,7 +327,6 @@ TEST(Pose, ACubeOnABallIsNoCoinTossAsItWasGiven) {
     EXPECT_GT(pose_between(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
     PoseOptions without;
     without.as_given = 1.0;
-    without.unlike = 0.0;
     Progress progress;
     EXPECT_LT(find_pose({ball, coarse_of_cloud(cube, normals)}, without, {}, progress).confidence,
               0.4);

@@ -70,11 +70,11 @@ struct PoseOptions {
     /// `as_given_angle` (radians) and beyond. 1 or more.
     double as_given = 1.2;
     double as_given_angle = 1.0;
-    /// The less the shapes have in common, the less their fit says of how they belong together:
-    /// where a map's misfit is more than `alike`, up to `unlike` is added to that factor for each
-    /// time that its square is more, and at most four times `unlike`.
-    double alike = 0.03;
-    double unlike = 0.2;
+    /// The less two shapes have in common, the less their fit says of how they belong together:
+    /// where the least misfit at the finest level is more than `alike`, above 0, `unlike` is added
+    /// to that factor for each time that its square is more, and at most twice `unlike`.
+    double alike = 0.035;
+    double unlike = 0.4;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{.stiff_rounds = 2,
                             .rounds = 8,
