@@ -54,6 +54,12 @@ def is_shared(group, name):
     return group.get(_MARK, "").startswith(name)
 
 
+def is_own(modifier):
+    """Whether a modifier has nodes that the add-on made."""
+    group = modifier.node_group if modifier.type == "NODES" else None
+    return group is not None and _MARK in group
+
+
 def swap_group(obj, modifier, group):
     """Gives a modifier another group in place of the one that it has; inputs of the same name keep
     their values and what moves these."""

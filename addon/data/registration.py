@@ -17,6 +17,8 @@ class Registration:
 
     Attributes
     ----------
+    start : function
+        Called after everything is registered; there may be no file yet.
     stop : function
         Called before anything is unregistered, to end what is still running.
     classes : tuple of type
@@ -32,6 +34,7 @@ class Registration:
         The name after ``blender --command``, and what is called with the words after that.
     """
 
+    start: Callable[[], object] = lambda: None
     stop: Callable[[], object] = lambda: None
     classes: tuple = ()
     properties: tuple = ()
@@ -67,6 +70,8 @@ def register(registrations):
             menu.append(function)
         for name, function in one.commands:
             _commands.append(bpy.utils.register_cli_command(name, function))
+    for one in registrations:
+        one.start()
 
 
 def unregister(registrations):

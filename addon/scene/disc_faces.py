@@ -71,7 +71,8 @@ def leave_scenes():
         for obj in bpy.data.objects:
             if obj.library is None and (_is_of(obj, group) or obj == _one_disc(group)):
                 for home in obj.users_collection:
-                    home.objects.unlink(obj)
+                    if home.is_editable and home.override_library is None:
+                        home.objects.unlink(obj)
 
 
 def remove_unused():

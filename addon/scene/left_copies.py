@@ -5,11 +5,13 @@ find them. They are removed, but for those that the user has changed, marked or 
 And what comes with a morph that is appended: Blender shows it all. It is hidden as it was."""
 
 import bpy
+import pointmorph
 
 from ..core import background_job
+from ..data import nodes, versions
 from ..data.feature_list import feature_names
-from ..data.references import find, reference_to
-from ..data.registration import Registration, on_other_states, stop_timer
+from ..data.references import reference_to
+from ..data.registration import Registration, stop_timer
 from . import (
     as_shown,
     disc_faces,
@@ -32,48 +34,76 @@ _LISTS = (
 
 _made = None
 """By a reference to each morph object at the last look, one to the points that it shows, or None.
-None before the first look in a file, and after undo and redo, which take away themselves what is
-left."""
+None before the first look in a file."""
+_is_other_state = False
+"""Whether undo or redo was there after the last look. It may have brought back what was removed: an
+undo step is from right after a deletion, before anything looks at what is left."""
+_has_lost = False
+"""Whether a morph was deleted since this file was opened."""
 
 
-def remove_points(reference):
-    """Removes the points that a reference is to if the mesh that showed them was deleted, and
-    nothing else has or shows them."""
-    obj = find(bpy.data.objects, reference)
-    if obj is None or not _is_there(obj) or not morph_object.is_result(obj):
-        return
-    if not _is_hidden(obj) or _is_used(obj) or obj.pointmorph.baked or _is_keyed(obj):
-        return
-    morph_builder.remove(obj)
-
-
-def _remove_deleted(references):
+def _remove(gone, points):
     """Removes morph objects that were deleted in the viewport, and are kept only by the pointers
-    that they have to each other: they have the names that the next would get."""
-    found = (find(bpy.data.objects, reference) for reference in references)
-    gone = {obj for obj in found if obj is not None and not obj.users_collection}
-    gone = {obj for obj in gone if obj.library is None and obj.data.users == 1}
-    for obj, users in bpy.data.user_map(subset=gone).items() if gone else ():
-        used = any(not isinstance(user, _LISTS) for user in users - gone)
+    that they have to each other: they have the names that the next would get. And the points that
+    they showed, which nothing else has or shows.
+
+    Parameters
+    ----------
+    gone, points : set of references
+        The points may be gone as well, or None.
+    """
+    objects = {reference_to(obj): obj for obj in bpy.data.objects}
+    gone = {objects[one] for one in gone if one in objects}
+    gone = {obj for obj in gone if not (obj.users_collection or obj.library or obj.data.users > 1)}
+    points = {objects[one] for one in points if one in objects}
+    points = {obj for obj in points if _is_there(obj) and _are_left(obj)}
+    if not gone | points:
+        return
+    users = bpy.data.user_map(subset=gone | points)
+    removed = {obj for obj in points if not _is_used(obj, users)}
+    for obj in gone:
+        used = any(not isinstance(user, _LISTS) for user in users[obj] - gone - removed)
         if not (used or obj.use_fake_user or obj.data.use_fake_user):
-            morph_builder.remove(obj)
+            removed.add(obj)
+    morph_builder.remove(*removed)
 
 
-def _is_keyed(obj):
-    data = obj.animation_data
-    return data is not None and (data.action is not None or len(data.nla_tracks) > 0)
+def _are_left(points):
+    """Whether points whose mesh was deleted are hidden, and the user put nothing on them."""
+    if not morph_object.is_result(points) or points.pointmorph.baked or not _is_hidden(points):
+        return False
+    try:
+        made = {key.name for key in morph_object.stage_keys(points)}
+    except pointmorph.CloudError:
+        return False
+    made |= {morph_object.KEY}
+    keys = points.data.shape_keys
+    return (
+        made.issuperset(keys.key_blocks.keys())
+        and all(nodes.is_own(modifier) for modifier in points.modifiers)
+        and all(slot.material is None for slot in points.material_slots)
+        and not any(_is_keyed(block) for block in (points, points.data, keys))
+    )
+
+
+def _is_keyed(block):
+    """Whether it has keys; an action without them may be left from a slider that was handed on."""
+    data = block.animation_data
+    return data is not None and bool(versions.curves_of(block) or data.nla_tracks)
 
 
 def remove_left():
     """Removes the copies of this file. The panels pick their originals in their place."""
     made = [obj for obj in bpy.data.objects if _is_there(obj) and morph_object.is_made(obj)]
     used = {shape for obj in made for shape in recipes.pointers_of(obj)}
-    for copy in list(bpy.data.objects):
-        if copy not in used and _is_left(copy):
-            for scene in bpy.data.scenes:
-                if scene.library is None:
-                    staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
-            morph_builder.remove(copy)
+    copies = [obj for obj in bpy.data.objects if obj not in used and _is_left(obj)]
+    users = bpy.data.user_map(subset=copies) if copies else {}
+    copies = [copy for copy in copies if not _is_used(copy, users)]
+    for copy in copies:
+        for scene in bpy.data.scenes:
+            if scene.library is None:
+                staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
+    morph_builder.remove(*copies)
 
 
 def _is_there(obj):
@@ -84,7 +114,7 @@ def _is_left(copy):
     original = copy.pointmorph.shown_from
     if original is None or copy.type != "MESH" or not _is_there(copy) or morph_object.is_made(copy):
         return False
-    if not _is_hidden(copy) or not _is_there(original) or _is_used(copy):
+    if not _is_hidden(copy) or not _is_there(original):
         return False
     marked = set(feature_names(original)) if original.type == "MESH" else set()
     return set(feature_names(copy)) <= marked and _is_untouched(copy, original)
@@ -97,15 +127,17 @@ def _is_hidden(copy):
     return copy.hide_render and all(copy.hide_get(view_layer=layer) for layer in there)
 
 
-def _is_used(copy):
-    """Whether something has it but collections, panels and morphs that were deleted."""
-    if copy.children or copy.data.users > 1 or copy.use_fake_user or copy.data.use_fake_user:
+def _is_used(obj, users):
+    """Whether something has it but collections, panels and morphs that were deleted. `users` are
+    from `bpy.data.user_map`."""
+    if obj.children or obj.data.users > 1 or obj.use_fake_user or obj.data.use_fake_user:
         return True
-    for user in bpy.data.user_map(subset=[copy])[copy] - {copy}:
-        gone = isinstance(user, bpy.types.Object) and not user.users_collection
-        if not gone and not isinstance(user, _LISTS):
-            return True
-    return False
+    return any(not (isinstance(user, _LISTS) or _is_gone(user)) for user in users[obj] - {obj})
+
+
+def _is_gone(user):
+    is_object = isinstance(user, bpy.types.Object)
+    return is_object and not user.users_collection and not user.use_fake_user
 
 
 def _is_untouched(copy, original):
@@ -126,38 +158,58 @@ def _motions(obj):
 
 def _look():
     """Called by a timer, because what is deleted must not go while Blender looks at it."""
-    global _made
+    global _made, _is_other_state, _has_lost
     # While one is computed, its copies have no morph yet.
     if background_job.current is not None or bpy.app.is_job_running("RENDER"):
         return _LATER
-    before, _made = _made, _morphs()
+    again, _is_other_state = _is_other_state, False
+    before, _made = _morphs(also_deleted=True) if again else _made, _morphs()
     gone = set() if before is None else before.keys() - _made.keys()
-    if gone:
-        for one in gone:
-            remove_points(before[one])
-        _remove_deleted(gone)
+    if gone or (again and _has_lost):
+        _remove(gone, {before[one] for one in gone})
         points_display.remove_unused()
-        _made = _morphs()
         remove_left()
+        _made, _has_lost = _morphs(), True
     if before is not None:
-        hide_appended(_made.keys() - before.keys())
+        hide_appended(_made.keys() - before.keys(), before)
     return None
 
 
-def hide_appended(references):
-    """Hides what morph objects that are new in the file stand for and what makes their discs, where
-    it came with them: their points and shapes, if they aren't rendered."""
-    for reference in references:
-        mesh = find(bpy.data.objects, reference)
-        points = mesh.pointmorph.made_from if mesh.pointmorph.keeps_faces else mesh
-        if not morph_object.is_result(points) or reference_to(points) not in references:
-            continue
-        disc_faces.leave_scenes()
-        hidden = [points, *recipes.shapes_of(points)]
-        hidden += [recipes.original_of(shape) for shape in hidden[1:] if shape is not None]
-        for one in hidden:
-            if one is not None and one.hide_render and _is_there(one):
-                _hide(one)
+def hide_appended(references, before):
+    """Hides the points and shapes that an appended morph brought along, unless they are rendered,
+    and takes its disc makers out of the scenes.
+
+    Parameters
+    ----------
+    references : set
+        To morph objects that are new in the file: appended or duplicated.
+    before : iterable of references
+        To those that were there before. What they have was not appended.
+    """
+    objects = {reference_to(obj): obj for obj in bpy.data.objects}
+    appended = {_points_of(objects[one]) for one in references if one in objects}
+    appended = {obj for obj in appended if obj is not None and reference_to(obj) in references}
+    if not appended:
+        return
+    known = {_points_of(objects[one]) for one in before if one in objects} - {None}
+    known = {one for points in known for one in _hidden_with(points)}
+    for obj in {one for points in appended for one in _hidden_with(points)} - known:
+        if obj.hide_render and _is_there(obj):
+            _hide(obj)
+    disc_faces.leave_scenes()
+
+
+def _points_of(obj):
+    """The points of a morph object, or None."""
+    points = obj.pointmorph.made_from if obj.pointmorph.keeps_faces else obj
+    return points if morph_object.is_result(points) else None
+
+
+def _hidden_with(points):
+    """Objects that may be hidden: points, the mesh that shows them, and what they were made of."""
+    shapes = [shape for shape in recipes.shapes_of(points) if shape is not None]
+    originals = [recipes.original_of(shape) for shape in shapes]
+    return {points, points.pointmorph.mesh, *shapes, *originals} - {None}
 
 
 def _hide(obj):
@@ -174,8 +226,9 @@ def note_morphs():
     _made = {**(_made or {}), **_morphs()}
 
 
-def _morphs():
-    found = [obj for obj in bpy.data.objects if morph_object.is_made(obj) and _is_there(obj)]
+def _morphs(also_deleted=False):
+    found = [obj for obj in bpy.data.objects if obj.library is None and morph_object.is_made(obj)]
+    found = [obj for obj in found if also_deleted or obj.users_collection]
     points = ((obj, obj.pointmorph.made_from) for obj in found)
     return {reference_to(obj): None if one is None else reference_to(one) for obj, one in points}
 
@@ -197,21 +250,33 @@ def _look_soon():
 
 
 def _forget(*_):
-    global _made
-    _made = None
+    _clear()
     _look_soon()
 
 
+def _note_other_state(*_):
+    global _is_other_state
+    _is_other_state = True
+    _look_soon()
+
+
+def _clear():
+    global _made, _is_other_state, _has_lost
+    _made, _is_other_state, _has_lost = None, False, False
+
+
 def _stop():
-    global _made
     stop_timer(_look)
-    _made = None
+    _clear()
 
 
 registration = Registration(
+    start=_look_soon,
     stop=_stop,
     handlers=(
         ("depsgraph_update_post", _note_changes),
-        *on_other_states(_forget),
+        ("load_post", _forget),
+        ("undo_post", _note_other_state),
+        ("redo_post", _note_other_state),
     ),
 )

@@ -65,11 +65,12 @@ def link(obj, shapes, source_matrix):
     obj.pointmorph.source_matrix = np.asarray(source_matrix)[:3, :3].reshape(-1)
 
 
-def remove(obj):
-    """Takes a morph object and its points out of the file."""
-    mesh = obj.data
-    obj.shape_key_clear()  # a data-block that isn't removed with the mesh
-    bpy.data.batch_remove([obj, mesh])
+def remove(*objects):
+    """Takes morph objects and their points out of the file."""
+    meshes = [obj.data for obj in objects]
+    for obj in objects:
+        obj.shape_key_clear()  # a data-block that isn't removed with the mesh
+    bpy.data.batch_remove([*objects, *meshes])
 
 
 def write_pairs(obj, outcome):

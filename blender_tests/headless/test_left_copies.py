@@ -36,9 +36,7 @@ def test_points_go_with_the_mesh_that_showed_them(addon, mirrored, settings):
     left._forget()
     left._look()
     shown = morph()  # nobody looks again before it is deleted
-    # As the viewport does: the points keep a pointer to it.
-    for home in shown.users_collection:
-        home.objects.unlink(shown)
+    delete(shown)
     assert left._look() is None
     left._stop()
     assert {obj.name for obj in bpy.data.objects} == before
@@ -46,36 +44,112 @@ def test_points_go_with_the_mesh_that_showed_them(addon, mirrored, settings):
     assert morph().name == "Half to Dune"
 
 
-@pytest.mark.parametrize("how", ["shown", "mesh", "baked", "keyed"])
-def test_points_that_somebody_wants_stay(addon, mirrored, how):
+def make_another_mesh(points):
+    select(points)
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+
+
+def bake(points):
+    points.pointmorph.baked = '{"Half": [0.5, "linear"]}'
+
+
+def key_shapes(points):
+    points.data.shape_keys.keyframe_insert("eval_time", frame=1)
+
+
+def key_mesh(points):
+    points.data.keyframe_insert("texspace_size", frame=1)
+
+
+def color(points):
+    points.data.materials.append(bpy.data.materials.new("Mine"))
+
+
+def keep_mesh(points):
+    points.pointmorph.mesh.use_fake_user = True
+
+
+def delete(obj):
+    """As the viewport does: what points to it keeps it."""
+    for home in obj.users_collection:
+        home.objects.unlink(obj)
+
+
+@pytest.mark.parametrize(
+    "want",
+    [
+        lambda points: points.hide_set(False),
+        lambda points: points.keyframe_insert("location", frame=1),
+        lambda points: points.shape_key_add(name="Mine"),
+        lambda points: points.modifiers.new("Mine", "SMOOTH"),
+        lambda points: points.modifiers.new("Mine", "NODES"),
+        make_another_mesh,
+        bake,
+        key_shapes,
+        key_mesh,
+        color,
+        keep_mesh,
+    ],
+)
+def test_points_that_somebody_wants_stay(addon, mirrored, want):
     left = addon("scene.left_copies")
     shown = morph()
     points = shown.pointmorph.made_from
-    if how == "shown":
-        points.hide_set(False)
-    elif how == "mesh":
-        select(points)
-        assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
-    elif how == "baked":
-        points.pointmorph.baked = '{"Half": [0.5, "linear"]}'
-    else:
-        points.keyframe_insert("location", frame=1)
+    want(points)
     name = points.name
     left._forget()
     left._look()
-    bpy.data.objects.remove(shown)
+    delete(shown)
     left._look()
     left._stop()
     assert name in bpy.data.objects
     assert points.pointmorph.source.name in bpy.data.objects
 
 
-@pytest.mark.parametrize("kind", ["MESH", "DISCS"])
+def test_points_whose_keys_were_handed_on_go(addon, mirrored):
+    left = addon("scene.left_copies")
+    shown = morph()
+    points = shown.pointmorph.made_from
+    points.data.shape_keys.animation_data.action = bpy.data.actions.new("Empty")
+    name = points.name
+    left._look()
+    delete(shown)
+    left._look()
+    left._stop()
+    assert name not in bpy.data.objects
+
+
+def test_what_undo_brings_back_goes_again(addon, mirrored, settings):
+    left = addon("scene.left_copies")
+    before = {obj.name for obj in bpy.data.objects}
+    delete(morph())
+    left._forget()
+    left._look()
+    assert {obj.name for obj in bpy.data.objects} > before  # so it was in the file
+    left._note_other_state()
+    left._look()
+    left._stop()
+    assert {obj.name for obj in bpy.data.objects} == before
+    assert settings.source == mirrored
+
+
+def test_the_first_look_does_not_wait_for_a_change(addon):
+    left = addon("scene.left_copies")
+    left._stop()
+    left.registration.start()
+    assert bpy.app.timers.is_registered(left._look)
+    left._stop()
+
+
+@pytest.mark.parametrize("kind", ["MESH", "DISCS", "mesh as discs"])
 def test_what_an_appended_morph_stands_for_is_hidden(addon, settings, tmp_path, kind):
     left, path = addon("scene.left_copies"), str(tmp_path / "morph.blend")
     pair()
-    settings.show_as = kind
+    settings.show_as = "DISCS" if kind == "DISCS" else "MESH"
     name = morph().name
+    if kind == "mesh as discs":
+        assert bpy.ops.pointmorph.show_as(kind="DISCS") == {"FINISHED"}
+        name = bpy.context.view_layer.objects.active.name
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_homefile(use_empty=True)
     left._look()
@@ -90,6 +164,44 @@ def test_what_an_appended_morph_stands_for_is_hidden(addon, settings, tmp_path, 
     select(bpy.data.objects[name])
     assert bpy.ops.pointmorph.show_shapes() == {"FINISHED"}
     assert not bpy.data.objects["Hill"].hide_get()
+
+
+@pytest.mark.parametrize("kind", ["MESH", "DISCS"])
+def test_a_duplicate_hides_nothing(addon, settings, kind):
+    left = addon("scene.left_copies")
+    shapes = pair()
+    settings.show_as = kind
+    obj = morph()
+    left._look()
+    for shape in shapes:
+        shape.hide_set(False)  # Alt+H
+        assert shape.hide_render
+    duplicate = obj.copy()
+    bpy.context.scene.collection.objects.link(duplicate)
+    left._look()
+    left._stop()
+    assert all(one.visible_get() for one in (*shapes, obj, duplicate))
+
+
+def test_disc_makers_stay_in_collections_that_are_overridden(addon, settings, tmp_path):
+    path = str(tmp_path / "set.blend")
+    pair()
+    settings.show_as = "DISCS"
+    group = bpy.data.collections.new("Set")
+    bpy.context.scene.collection.children.link(group)
+    group.objects.link(morph())
+    group.objects.link(bpy.data.objects[".Pointmorph Discs"])  # as after it was appended once
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, linked):
+        linked.collections = ["Set"]
+    own = linked.collections[0].override_hierarchy_create(
+        bpy.context.scene, bpy.context.view_layer
+    )
+    names = [obj.name for obj in own.objects if obj.library is None]
+    assert ".Pointmorph Discs" in names
+    addon("scene.disc_faces").leave_scenes()
+    assert [obj.name for obj in own.objects if obj.library is None] == names
 
 
 def add_key_to(copy):

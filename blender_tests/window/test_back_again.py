@@ -116,3 +116,30 @@ def test_a_copy_goes_with_its_morph_and_comes_back_with_it(window, both):
     window.press("ctrl+z", over=VIEWPORT)
     assert window.ask(COPY)
     assert window.ask("seen()")[1] == before[1]
+
+
+@pytest.mark.parametrize("kind", ["MESH", "DISCS"])
+def test_undo_and_redo_bring_nothing_back_that_is_hidden(window, kind):
+    """Their steps are from right after the deletion, when it was still there."""
+    add_mirrored_pair(window, 14)
+    window.run(f"bpy.context.scene.pointmorph.show_as = '{kind}'")
+    press(window, "morph")
+    window.wait(DONE)
+    window.run("with in_viewport(): bpy.ops.object.delete('EXEC_DEFAULT', True)")
+    window.wait(f"not ({COPY})")
+    window.run(
+        "bpy.data.objects['Dune'].location.x += 1\nbpy.ops.ed.undo_push(message='A move')"
+    )
+    left = f"{COPY}, [o.name for o in bpy.data.objects if o.name.startswith('Hill to')]"
+    for _ in range(2):
+        window.press("ctrl+z", over=VIEWPORT)
+        window.wait(f"not any(({left}))")
+        window.press("ctrl+z", over=VIEWPORT)
+        window.wait(f"{COPY} and {RESULT} is not None")
+        window.redraw()
+        assert window.ask(f"{COPY} and {RESULT}.visible_get()")
+        window.press("ctrl+shift+z", over=VIEWPORT)
+        window.wait(f"not any(({left}))")
+        window.press("ctrl+shift+z", over=VIEWPORT)
+        assert not any(window.ask(f"[{left}]"))
+        assert window.ask("bpy.context.scene.pointmorph.source.name") == "Hill"
