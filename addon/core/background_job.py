@@ -89,7 +89,7 @@ problem = None
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
 earlier_ways = ()
-"""One of each way of the last chain that was."""
+"""A computation.Earlier of each way of the last chain that was made in a window; may be empty."""
 
 
 def starts(count):

@@ -163,12 +163,15 @@ class Earlier:
 
     `maps` are (N, 3) and (M, 3): where the points of both shapes ended. `landing` is (N, 3): where
     what is shown of the source ends. `live` is the LiveMorph of these shapes that there is, if any.
+    `same_marks` is whether features that are the same may start from it, too: those of a way of a
+    chain, in which others have changed.
     """
 
     request: Request
     maps: tuple
     landing: np.ndarray | None = None
     live: pointmorph.LiveMorph | None = None
+    same_marks: bool = False
 
     @property
     def can_be_bent(self):
@@ -196,12 +199,13 @@ class Earlier:
         return Earlier(request, outcome.maps, outcome.landing, live)
 
     def start_for(self, request):
-        """The maps, if `request` differs in its features alone, else None."""
+        """The maps, if `request` differs in its features alone, or in nothing with `same_marks`,
+        else None."""
         same = (
             request.settings == self.request.settings
             and request.settings.get("method", "auto") == "auto"
             and request.settings.get("domain", "auto") == "auto"  # others start in their domain
-            and request.features != self.request.features
+            and (self.same_marks or request.features != self.request.features)
             and np.array_equal(request.source.positions, self.request.source.positions)
             and np.array_equal(request.target.positions, self.request.target.positions)
             and _same_faces(request.source, self.request.source)

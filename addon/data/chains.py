@@ -34,17 +34,28 @@ def _computed(requests, progress, earlier):
     if len(requests) == 1:
         return _judged(requests, compute(requests[0], progress, _start_of(requests[0], earlier)))
     outcomes = []
-    for number, request in enumerate(requests):
+    starts = _starts_of_ways(requests, earlier)
+    for number, (request, start) in enumerate(zip(requests, starts, strict=True)):
 
         def tell(stage, fraction, number=number):
             return progress(f"{number + 1} of {len(requests)}: {stage}", fraction)
 
-        outcomes.append(compute(request, tell, _start_of(request, earlier)))
+        outcomes.append(compute(request, tell, start))
     return _judged(requests, join(requests, outcomes, progress))
 
 
 def _start_of(request, earlier):
     return next((one for one in earlier if one.start_for(request)), None)
+
+
+def _starts_of_ways(requests, earlier):
+    """Where marks have changed on some ways, the others start from what was found as well."""
+    starts = [_start_of(request, earlier) for request in requests]
+    if not any(starts):
+        return starts
+    same = [replace(one, same_marks=True) for one in earlier if isinstance(one, Earlier)]
+    pairs = zip(requests, starts, strict=True)
+    return [_start_of(request, same) if start is None else start for request, start in pairs]
 
 
 def earlier_ways(requests, outcome):

@@ -63,7 +63,7 @@ class _Morphing(Recomputing):
         return super().invoke(context, event)
 
     def _begin_steps(self, context):
-        leave_mode(context, staleness.picked_shapes(context.scene), also_others=True)
+        leave_mode(context, staleness.picked_shapes(context.scene), hides=True)
         self._first_look = queue.SimpleQueue()
         if morphs_selected(context):
             pick_selected(context)

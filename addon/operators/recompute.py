@@ -21,14 +21,15 @@ from .modal_operator import Computing
 from .polls import Explained, busy_reason, say_made
 
 
-def leave_mode(context, shapes, also_others=False):
-    """Goes to Object Mode where a shape is edited or painted: it is read as the viewport shows it
-    there, and may be hidden. With `also_others`, where any object is edited, too: the result can't
-    be active elsewhere."""
+def leave_mode(context, shapes, hides=False):
+    """Goes to Object Mode where a shape is edited: it is read as the viewport shows it there. With
+    `hides`, also where one is painted, since it is hidden then, or anything is edited: the result
+    can't become active."""
     active = context.view_layer.objects.active
     if active is None or active.mode == "OBJECT":
         return
-    if active in shapes or (also_others and active.mode == "EDIT"):
+    edited = any(shape is not None and shape.mode == "EDIT" for shape in shapes)
+    if edited or (hides and (active in shapes or active.mode == "EDIT")):
         try:
             bpy.ops.object.mode_set(mode="OBJECT")
         except RuntimeError as error:  # Blender's own words
@@ -55,7 +56,7 @@ class Recomputing(Computing):
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 
     def _starts(self, plan):
-        """A script gets the same whatever was done before it."""
+        """What to start from: nothing in scripts, which get the same whatever was done before."""
         return background_job.starts(len(plan.requests)) if self._in_window else ()
 
     def _remember(self, outcome):
@@ -129,9 +130,8 @@ class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
 
     def _finish(self, context, outcome):
         obj = self.finish_again(context, outcome)
-        say_made(
-            self, obj if obj.pointmorph.keeps_faces else morph_object.shown_of(obj), outcome.report
-        )
+        seen = obj if obj.pointmorph.keeps_faces else presentation.seen_of(obj)
+        say_made(self, seen, outcome.report)
         return {"FINISHED"}
 
 

@@ -48,8 +48,18 @@ def read_request(context):
 
 
 def _read(context, obj, origin, is_target):
-    with _out_of_edit_mode(context, obj) as there, _taken(context, there, is_target) as taken:
-        shape = finish(read_shape_steps(context, taken, origin, is_target and taken == there))
+    names = set()  # of copies, which nobody knows
+    try:
+        with _out_of_edit_mode(context, obj) as there:
+            names.add(there.name)
+            with _taken(context, there, is_target) as taken:
+                names.add(taken.name)
+                as_is = is_target and taken == there
+                shape = finish(read_shape_steps(context, taken, origin, as_is))
+    except pointmorph.PointmorphError as error:
+        if error.subject not in names:
+            raise
+        raise type(error)(obj.name, error.expected, error.found, error.advice) from error
     return replace(shape, name=obj.name)
 
 
@@ -62,8 +72,8 @@ def _out_of_edit_mode(context, obj):
         return
     copy = creation.copied(obj)
     copy.data = obj.data.copy()  # it would be in Edit Mode as well
-    context.scene.collection.objects.link(copy)
     try:
+        context.scene.collection.objects.link(copy)
         update(context, copy)
         yield copy
     finally:

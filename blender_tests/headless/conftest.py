@@ -123,6 +123,21 @@ def faces_made_once(request, addon, monkeypatch, memory):
 
 
 @pytest.fixture
+def starts(addon, monkeypatch):
+    """Of every computation from now on: how many points the maps have that it starts from, or
+    None."""
+    chains = addon("data.chains")
+    compute, found = chains.compute, []
+
+    def computed(request, progress, earlier=None):
+        found.append(earlier and [len(places) for places in earlier.start_for(request)])
+        return compute(request, progress, earlier)
+
+    monkeypatch.setattr(chains, "compute", computed)
+    return found
+
+
+@pytest.fixture
 def morphed(settings):
     """Source, target and morph object, which is active."""
     return *scenes.pair(), scenes.morph()

@@ -16,7 +16,6 @@ from scenes import (
     pair,
     patch,
     pick,
-    row_pairs,
     select,
     set_t,
 )
@@ -222,61 +221,6 @@ def test_reading_leaves_the_source_selected(addon, mirrored):
     assert mirrored.select_get()
     assert bpy.context.view_layer.objects.active == mirrored
     assert (mirrored.hide_get(), mirrored.hide_render) == (False, False)
-
-
-def test_reading_a_curve_in_edit_mode_leaves_it_there(addon, settings):
-    bpy.ops.curve.primitive_bezier_circle_add()
-    curve = bpy.context.object
-    curve.data.dimensions, curve.data.fill_mode = "2D", "BOTH"
-    target = add_mesh("Dune", *patch(9, bump=0.8))
-    pick(curve, target)
-    select(curve)
-    bpy.ops.object.mode_set(mode="EDIT")
-    request = addon("scene.panel_request").read_request(bpy.context)
-    assert len(request.source.triangles)
-    assert curve.mode == "EDIT"
-    assert not curve.hide_get()
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
-@pytest.mark.parametrize("edited", [0, 1])
-def test_what_is_edited_is_read_as_it_is_morphed(addon, mirrored, settings, edited):
-    """In Edit Mode, the viewport may show it without modifiers."""
-    shapes = mirrored, settings.target
-    shapes[1].modifiers.new("Half", "MIRROR").use_axis = (False, False, True)
-    for shape in shapes:
-        for modifier in shape.modifiers:
-            modifier.show_in_editmode = False
-    read = addon("scene.panel_request").read_request
-    request = read(bpy.context)
-    expected = [shape.positions for shape in (request.source, request.target)]
-    assert [len(places) for places in expected] == [128, 162]
-    select(shapes[edited])
-    bpy.ops.object.mode_set(mode="EDIT")
-    before = data_blocks()
-    request = read(bpy.context)
-    assert data_blocks() == before
-    assert shapes[edited].mode == "EDIT"
-    for shape, places in zip((request.source, request.target), expected, strict=True):
-        np.testing.assert_array_equal(shape.positions, places)
-    assert [request.source.name, request.target.name] == ["Half", "Dune"]
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def test_recompute_reads_what_is_edited_as_morph_does(settings):
-    source, target = pair()
-    for shape in (source, target):
-        shape.vertex_groups.clear()
-    modifier = target.modifiers.new("Twice", "MIRROR")
-    modifier.use_axis, modifier.show_in_editmode = (False, False, True), False
-    obj = morph()
-    assert len(np.unique(row_pairs(obj)[:, 1])) == 200
-    bpy.ops.pointmorph.show_shapes()
-    select(target)
-    bpy.ops.object.mode_set(mode="EDIT")
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
-    assert len(np.unique(row_pairs(obj)[:, 1])) == 200
-    assert obj.pointmorph.state == "CURRENT"
 
 
 @pytest.mark.parametrize("kind", ["ARMATURE", "LATTICE"])

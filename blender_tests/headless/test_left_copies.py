@@ -195,9 +195,7 @@ def test_disc_makers_stay_in_collections_that_are_overridden(addon, settings, tm
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(path, link=True) as (_, linked):
         linked.collections = ["Set"]
-    own = linked.collections[0].override_hierarchy_create(
-        bpy.context.scene, bpy.context.view_layer
-    )
+    own = linked.collections[0].override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
     names = [obj.name for obj in own.objects if obj.library is None]
     assert ".Pointmorph Discs" in names
     addon("scene.disc_faces").leave_scenes()

@@ -52,8 +52,8 @@ def tree_of(positions, faces):
 
 
 def farthest(places, positions, faces):
-    """The 99th percentile of the distances of places from faces, in √area of those: of at most ten
-    thousand places, evenly many between those that are left out."""
+    """The 99th percentile of the distances of places from faces, in √area of those: of every
+    k-th of them, ten thousand at most."""
     places = places[:: 1 + len(places) // 10_000]
     corners = positions[faces].astype(float)
     sides = corners[:, 1:] - corners[:, :1]
@@ -268,7 +268,7 @@ def test_a_start_is_for_one_morph_and_its_shapes(addon):
     assert denser.start_of(7) is None
 
 
-def test_subdividing_looks_at_every_shape_of_a_chain(addon, settings, monkeypatch):
+def test_subdividing_looks_at_every_shape_of_a_chain(settings, starts):
     shapes = [
         primitive("cube"),
         primitive("ico_sphere", subdivisions=2),
@@ -280,14 +280,7 @@ def test_subdividing_looks_at_every_shape_of_a_chain(addon, settings, monkeypatc
     obj = bpy.context.view_layer.objects.active
     before = json.loads(obj.pointmorph.report)["too_fine"]
     assert min(before["Icosphere"], before["Cylinder"]) > 0.9
-    chains = addon("data.chains")
-    compute, starts = chains.compute, []
-
-    def computed(request, progress, earlier=None):
-        starts.append(earlier and [len(places) for places in earlier.start_for(request)])
-        return compute(request, progress, earlier)
-
-    monkeypatch.setattr(chains, "compute", computed)
+    starts.clear()
     assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
     # From the map that the vertices were added for; the other way has the same shapes as before.
     assert starts == [[len(shape.data.vertices) for shape in shapes[:2]], None]

@@ -160,15 +160,20 @@ def test_recompute_and_bakes_work_from_the_mesh(painted):
     assert points.hide_get()
 
 
-def test_what_is_shown_is_named(settings, capfd):
-    """Not its points, which are hidden."""
+@pytest.mark.parametrize("kind", ["MESH", "DISCS"])
+def test_what_is_shown_is_named(settings, capfd, kind):
+    """Not its points, or its mesh, which are hidden."""
     pair()
     settings.show_as = "MESH"
-    shown = morph()
+    morph()
+    assert bpy.ops.pointmorph.show_as(kind=kind) == {"FINISHED"}
+    shown = bpy.context.view_layer.objects.active
+    capfd.readouterr()
     recompute(shown)
+    assert f'"{shown.name}": 144 pairs' in capfd.readouterr().out
+    assert shown.name == "Hill to Dune" + (" Points" if kind == "DISCS" else "")
     assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=2) == {"FINISHED"}
     said = capfd.readouterr().out
-    assert said.count('"Hill to Dune": 144 pairs') == 2
     assert 'Baked 2 frames to "Hill to Dune Frames"' in said
 
 

@@ -165,8 +165,8 @@ for name in dir(bpy.types):
         getattr(bpy.types, name).append(_note(name))
         getattr(bpy.types, name).is_noted = True
 
-session().earlier = session().problem = None
-session().earlier_ways = ()
+session().problem = None
+session().forget()
 
 mouse = [0, 0]
 

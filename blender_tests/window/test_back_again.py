@@ -127,9 +127,7 @@ def test_undo_and_redo_bring_nothing_back_that_is_hidden(window, kind):
     window.wait(DONE)
     window.run("with in_viewport(): bpy.ops.object.delete('EXEC_DEFAULT', True)")
     window.wait(f"not ({COPY})")
-    window.run(
-        "bpy.data.objects['Dune'].location.x += 1\nbpy.ops.ed.undo_push(message='A move')"
-    )
+    window.run("bpy.data.objects['Dune'].location.x += 1\nbpy.ops.ed.undo_push(message='A move')")
     left = f"{COPY}, [o.name for o in bpy.data.objects if o.name.startswith('Hill to')]"
     for _ in range(2):
         window.press("ctrl+z", over=VIEWPORT)
