@@ -69,56 +69,91 @@ private:
         vertices_.join(vertex(one, 1), vertex(other, agree ? 0 : 1));
     }
 
-    /// From one triangle through the inside, which is behind it, to the other: over 0 to 2π.
-    /// Triangles that lie on each other have nothing between them.
-    double angle_behind(const Side& one, const Side& other) const {
-        const auto corner = [&](const Side& side, Index k) -> Vector3 {
+    /// Which way triangles lie around the edge at which all of them are.
+    class Around {
+    public:
+        Around(const Mesh& mesh, const Side& first, bool inward) : mesh_(mesh), inward_(inward) {
+            start_ = corner(first, 0);
+            along_ = (corner(first, 1) - start_).normalized();
+            zero_ = along_.unitOrthogonal();
+            quarter_ = along_.cross(zero_);
+        }
+        /// Over −π to π, and growing through the inside, which is behind the triangles that run as
+        /// the first one does. Of one without area there is none.
+        std::optional<double> angle(const Side& side) const {
+            const Vector3 to = across(side);
+            if (to.isZero(0.0)) return {};
+            const double sine = quarter_.dot(to);
+            return angle_of(inward_ ? sine : -sine, zero_.dot(to));
+        }
+
+    private:
+        Vector3 corner(const Side& side, Index k) const {
             return mesh_.positions.row(mesh_.triangles(side.triangle, (side.k + k) % 3))
                 .transpose();
-        };
-        const Vector3 along = (corner(one, 1) - corner(one, 0)).normalized();
-        const auto across = [&](const Side& side) -> Vector3 {
-            const Vector3 to = corner(side, 2) - corner(one, 0);
-            return (to - to.dot(along) * along).normalized();
-        };
-        const Vector3 from = across(one), to = across(other);
-        const double around = along.dot(from.cross(to)), cosine = from.dot(to);
-        const double sine = inward_ ? around : -around;
-        constexpr double kOnEachOther = 1e-6;
-        const double angle = angle_of(std::abs(sine), cosine);
-        if (angle < kOnEachOther || sine < 0.0) return 2.0 * std::numbers::pi - angle;
-        return angle;
+        }
+        Vector3 across(const Side& side) const {
+            const Vector3 to = corner(side, 2) - start_;
+            return (to - to.dot(along_) * along_).normalized();
+        }
+
+        const Mesh& mesh_;
+        bool inward_;
+        Vector3 start_, along_, zero_, quarter_;
+    };
+
+    /// From one angle around the edge on to another: over 0 to 2π. Triangles that lie on each other
+    /// have nothing between them.
+    static double angle_behind(double one, double other) {
+        constexpr double kAll = 2.0 * std::numbers::pi;
+        const double angle = other < one ? other - one + kAll : other - one;
+        return angle < kOnEachOther ? kAll - angle : angle;
+    }
+
+    /// Which one of `others`, by their angles, is the first behind one with this angle.
+    static std::size_t first_behind(double angle,
+                                    std::span<const std::pair<double, std::size_t>> others) {
+        const auto behind =
+            std::ranges::lower_bound(others, std::pair(angle + kOnEachOther, std::size_t{0}));
+        const auto next = to_size(behind - others.begin()) % others.size();
+        // Where all of them lie on it, the one before may be the first.
+        const auto before = (next + others.size() - 1) % others.size();
+        const bool is_before =
+            angle_behind(angle, others[before].first) < angle_behind(angle, others[next].first);
+        return others[is_before ? before : next].second;
     }
 
     /// Nothing where the triangles can't all be paired, each with one that runs the other way.
     void join_around_insides() {
         if (alone_.empty()) return;
-        const auto along =
-            std::ranges::count(alone_, start_of(mesh_.triangles, alone_.front()),
-                               [&](const Side& side) { return start_of(mesh_.triangles, side); });
-        if (2 * along != std::ssize(alone_)) return;
+        const auto runs_along =
+            [&, start = start_of(mesh_.triangles, alone_.front())](const Side& side) {
+                return start_of(mesh_.triangles, side) == start;
+            };
+        if (2 * std::ranges::count_if(alone_, runs_along) != std::ssize(alone_)) return;
+        const Around around(mesh_, alone_.front(), inward_);
+        std::vector<std::pair<double, std::size_t>> others;  // angles, and which of those alone
+        for (std::size_t j = 0; j < alone_.size(); ++j)
+            if (!runs_along(alone_[j]))
+                if (const auto angle = around.angle(alone_[j])) others.emplace_back(*angle, j);
+        std::ranges::sort(others);
+        const auto first_other =
+            to_size(std::ranges::find_if_not(alone_, runs_along) - alone_.begin());
         std::vector<std::pair<Side, Side>> pairs;
         std::vector<char> is_taken(alone_.size(), 0);
-        for (std::size_t i = 0; i < alone_.size(); ++i) {
-            const Index start = start_of(mesh_.triangles, alone_[i]);
-            if (start != start_of(mesh_.triangles, alone_[0])) continue;
+        for (const Side& side : alone_) {
+            if (!runs_along(side)) continue;
             progress_.report(0.0);
-            std::optional<std::size_t> best;
-            double least = 0.0;
-            for (std::size_t j = 0; j < alone_.size(); ++j) {
-                if (start_of(mesh_.triangles, alone_[j]) == start) continue;
-                const double angle = angle_behind(alone_[i], alone_[j]);
-                if (!best || angle < least) {
-                    best = j;
-                    least = angle;
-                }
-            }
-            if (!best || std::exchange(is_taken[*best], 1)) return;
-            pairs.emplace_back(alone_[i], alone_[*best]);
+            const auto angle = around.angle(side);
+            const std::size_t other =
+                angle && !others.empty() ? first_behind(*angle, others) : first_other;
+            if (std::exchange(is_taken[other], 1)) return;
+            pairs.emplace_back(side, alone_[other]);
         }
         for (const auto& [one, other] : pairs) join(one, other);
     }
 
+    static constexpr double kOnEachOther = 1e-6;
     const Mesh& mesh_;
     GrowingComponents& vertices_;
     Progress& progress_;

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <random>
+#include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -141,6 +143,92 @@ TEST(Welding, TakesAnEdgeWithVeryManyTriangles) {
     // Counted or compared one with another, these would take minutes.
     constexpr Index kPages = 200000;
     EXPECT_EQ(make_mesh(book(kPages, kPages / 2 - 1)).part_areas.size(), kPages);
+}
+
+/// A triangle at the axis of a book, one way or the other.
+struct Page {
+    double angle;
+    bool is_along;
+};
+Cloud book(std::span<const Page> pages) {
+    Cloud cloud = book(to_index(pages.size()), 0);
+    for (Index k = 0; k < to_index(pages.size()); ++k) {
+        const auto [angle, is_along] = pages[to_size(k)];
+        cloud.positions(3 * k, 2) = is_along ? 0.0 : 1.0;
+        cloud.positions(3 * k + 1, 2) = is_along ? 1.0 : 0.0;
+        const double width = 1.0 + static_cast<double>(k) / static_cast<double>(pages.size());
+        cloud.positions.row(3 * k + 2) << width * std::cos(angle), width * std::sin(angle), 0.5;
+    }
+    return cloud;
+}
+
+/// The page behind each of those that run along, found by comparing all; nothing where they can't
+/// all be paired.
+std::vector<std::pair<Index, Index>> pairs_of(std::span<const Page> pages, bool inward) {
+    std::vector<std::pair<Index, Index>> pairs;
+    std::vector<char> is_taken(pages.size(), 0);
+    for (std::size_t i = 0; i < pages.size(); ++i) {
+        if (!pages[i].is_along) continue;
+        std::pair<double, std::size_t> best(7.0, 0);
+        for (std::size_t j = 0; j < pages.size(); ++j) {
+            if (pages[j].is_along) continue;
+            constexpr double kAll = 2.0 * std::numbers::pi;
+            const double way = (pages[j].angle - pages[i].angle) * (inward ? 1.0 : -1.0);
+            const double ahead = way - kAll * std::floor(way / kAll), apart = kAll - ahead;
+            const double least = std::min(ahead, apart);
+            best = std::min(best, std::pair(least < 1e-6 ? kAll - least : ahead, j));
+        }
+        if (std::exchange(is_taken[best.second], 1)) return {};
+        pairs.emplace_back(to_index(i), to_index(best.second));
+    }
+    return pairs;
+}
+
+TEST(Welding, PairsEachPageWithTheNextThatRunsTheOtherWay) {
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<double> number(0.0, 1.0);
+    Index paired = 0;
+    for (int trial = 0; trial < 300; ++trial) {
+        const std::size_t count = 4 + 2 * static_cast<std::size_t>(trial % 4);
+        std::vector<Page> pages;
+        for (std::size_t k = 0; k < count; ++k)
+            pages.push_back({2.0 * std::numbers::pi * number(random), k % 2 == 0});
+        if (trial % 3 > 0) {  // in turn
+            std::vector<double> angles;
+            for (const Page& page : pages) angles.push_back(page.angle);
+            std::ranges::sort(angles);
+            for (std::size_t k = 0; k < count; ++k) pages[k].angle = angles[k];
+            // Two that lie on each other have nothing between them.
+            if (trial % 3 == 2) pages[1].angle = pages[0].angle;
+        }
+        std::ranges::shuffle(pages, random);
+        // The first tells which way is along.
+        std::iter_swap(pages.begin(), std::ranges::find(pages, true, &Page::is_along));
+        const Cloud cloud = book(pages);
+        const Positions x = normalization(cloud.positions).apply(cloud.positions);
+        double volume = 0.0;
+        for (Eigen::Index k = 0; k < x.rows(); k += 3)
+            volume += x.row(k).dot(x.row(k + 1).cross(x.row(k + 2)));
+        const auto pairs = pairs_of(pages, volume < 0.0);
+        paired += pairs.empty() ? 0 : 1;
+        const Mesh mesh = make_mesh(cloud);
+        EXPECT_EQ(mesh.part_areas.size(), to_index(pages.size() - pairs.size())) << trial;
+        for (const auto& [one, other] : pairs)
+            for (Index k = 0; k < 2; ++k)
+                EXPECT_EQ(mesh.places[to_size(3 * one + k)],
+                          mesh.places[to_size(3 * other + 1 - k)])
+                    << trial;
+    }
+    EXPECT_GT(paired, 100);
+}
+
+TEST(Welding, TakesAnEdgeWhoseManyTrianglesRunInTurn) {
+    // Each compared with every other, these would take minutes.
+    constexpr Index kPages = 200000;
+    std::vector<Page> pages;
+    for (Index k = 0; k < kPages; ++k)
+        pages.push_back({2.0 * std::numbers::pi * k / kPages, k % 2 == 0});
+    EXPECT_EQ(make_mesh(book(pages)).part_areas.size(), kPages / 2);
 }
 
 TEST(Welding, CanBeCancelledAtAnEdge) {
