@@ -143,6 +143,15 @@ public:
         if (mesh.borders.empty()) return;
         borders_of_ =
             of_parts(mesh.borders.size(), [&](std::size_t b) { return mesh.borders[b].front(); });
+        kept_at_.assign(mesh.parts.size(), -1);
+        for (Index part = 0; part < to_index(parts); ++part) {
+            Index number = 0;
+            for (const Index k : kept_of_[part]) {
+                Index& at = kept_at_[to_size(kept[to_size(k)])];
+                if (at < 0) at = number;
+                ++number;
+            }
+        }
         std::vector<char> is_border(mesh.parts.size(), 0);
         for (const std::vector<Index>& border : mesh.borders)
             for (const Index place : border) is_border[to_size(place)] = 1;
@@ -248,10 +257,8 @@ private:
         double ahead = 0.0;  // to the next point
         for (std::size_t i = 0; i < loop.size(); ++i) {
             const Index place = loop[i], to = loop[(i + 1) % loop.size()];
-            const auto kept = std::ranges::find_if(
-                from.kept, [&](Index k) { return kept_[to_size(k)] == place; });
-            if (kept != from.kept.end()) {
-                along.push_back(to_index(kept - from.kept.begin()));
+            if (const Index kept = kept_at_[to_size(place)]; kept >= 0) {
+                along.push_back(kept);
                 ahead = spacing;
             }
             const double length = (mesh_.positions.row(to) - mesh_.positions.row(place)).norm();
@@ -358,6 +365,7 @@ private:
     std::vector<std::vector<Index>> triangles_;  ///< of each part
     Grouped<Index> kept_of_, borders_of_;        ///< of each part
     std::vector<std::vector<Index>> around_;     ///< triangles at each place of a border
+    std::vector<Index> kept_at_;  ///< which of its part's kept places a place is, or −1
 };
 
 }  // namespace

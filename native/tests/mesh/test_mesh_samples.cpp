@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <set>
 
 #include "mesh_shapes.hpp"
@@ -124,6 +126,30 @@ TEST(MeshSamples, FollowBordersInOrder) {
         EXPECT_NEAR(at.cwiseAbs().maxCoeff(), edge, 1e-12);
         EXPECT_LT((next - at).norm(), 1.01 * spacing);
     }
+}
+
+TEST(MeshSamples, TakeABorderOfWhichVeryManyPlacesAreKept) {
+    // Each looked for among all, these would take minutes.
+    constexpr Index kSteps = 300000;
+    Cloud cloud;
+    cloud.positions.resize(kSteps + 1, 3);
+    cloud.positions.row(kSteps).setZero();
+    for (Index k = 0; k < kSteps; ++k) {
+        const double angle = 2.0 * std::numbers::pi * k / kSteps;
+        cloud.positions.row(k) << std::cos(angle), std::sin(angle), 0.0;
+        mesh_shapes::add_face(cloud.faces, {kSteps, k, (k + 1) % kSteps});
+    }
+    const Mesh disk = make_mesh(cloud);
+    std::vector<Index> kept;
+    for (const Index place : disk.borders.at(0)) kept.push_back(place);
+    std::ranges::reverse(kept);
+    kept.push_back(kept.front());  // also asked for twice: the first one counts
+    Progress progress;
+    const MeshSamples samples =
+        sample_mesh(disk, kept, {.count = kSteps + 10, .even = false}, progress);
+    ASSERT_EQ(samples.border.size(), to_size(kSteps));
+    for (std::size_t k = 0; k < samples.border.size(); ++k)
+        ASSERT_EQ(samples.border[k], samples.kept[to_size(kSteps) - 1 - k]);
 }
 
 TEST(MeshSamples, GiveSmallPartsEnough) {
