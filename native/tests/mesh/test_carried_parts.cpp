@@ -131,15 +131,29 @@ TEST(CarriedParts, SinkIntoWhatHasNothingForThem) {
     ASSERT_GT(before.rowwise().norm().maxCoeff(), 1.05 * radius);
     Progress progress;
     const std::vector<Index> parts{1, 2};
+    const Positions before_all = x;
     Positions alone = x;
     sink_parts(face.mesh, parts, skin, x, progress);
     {
         const ThreadCount one(1);
         sink_parts(face.mesh, parts, skin, alone, progress);
         EXPECT_EQ(alone, x);
-        Progress cancel([](std::string_view, double fraction) { return fraction < 0.5; },
-                        std::chrono::milliseconds(0));
-        EXPECT_THROW(sink_parts(face.mesh, parts, skin, alone, cancel), Cancelled);
+        // Asked whether to go on while the parts sink, too: the last time.
+        const auto sink_until = [&](int calls) {
+            int asked = 0;
+            Progress counting([&](std::string_view, double) { return ++asked != calls; },
+                              std::chrono::milliseconds(0));
+            Positions again = before_all;
+            sink_parts(face.mesh, parts, skin, again, counting);
+            return asked;
+        };
+        const int calls = sink_until(0);
+        EXPECT_THROW(sink_until(calls), Cancelled);
+        int of_tree = 0;
+        Progress counting([&](std::string_view, double) { return ++of_tree > 0; },
+                          std::chrono::milliseconds(0));
+        const TriangleTree tree(skin.positions, skin.triangles, counting);
+        EXPECT_GT(calls, of_tree + 1);
     }
     const Positions after = face.places_of(1, x);
     EXPECT_LT(after.rowwise().norm().maxCoeff(), radius);
