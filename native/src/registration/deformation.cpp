@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "base/compiler.hpp"
@@ -26,8 +27,9 @@ constexpr double kEndless = std::numeric_limits<double>::infinity();
 /// Nodes near every point, ascending by distance: (distance, node).
 using Nearby = std::vector<std::vector<std::pair<double, Index>>>;
 
-/// The first that `is_wanted` says of, as search.from(source, limit) has it: within a reach that
-/// grows, since most are near. A row of −1 where there is none.
+/// The nearest row that `is_wanted`, and how far it is: the first such of search.from(source,
+/// limit), looked for within a reach that grows, since most are near. A row of −1 where there is
+/// none.
 template <class IsWanted>
 std::pair<Index, double> first_near(GeodesicSearch& search, Index source, double reach,
                                     double limit, IsWanted&& is_wanted) {
@@ -80,7 +82,7 @@ Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progre
 
 /// Edges between nodes as adjacency lists; every component of them hangs together with the rest.
 std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subset& subset,
-                                           const Nearby& nearby) {
+                                           const Nearby& nearby, Progress& progress) {
     const auto count = to_index(subset.rows.size());
     std::vector<std::vector<Index>> edges(to_size(count));
     for (Index k = 0; k < count; ++k)
@@ -96,39 +98,29 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
     // Parts that lie far from the rest (an eyeball): walk on from each until another part is met.
     std::vector<Index> node_of(to_size(graph.size()), -1);
     for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
+    GrowingComponents parts(count);
+    for (Index k = 0; k < count; ++k)
+        for (const Index other : edges[to_size(k)]) parts.join(k, other);
+    std::vector<std::vector<Index>> nodes(to_size(count));  // of the part with this root
+    for (Index k = 0; k < count; ++k) nodes[to_size(parts.root(k))].push_back(k);
+    std::set<std::pair<std::size_t, Index>> by_size;  // sizes and roots
+    for (Index k = 0; k < count; ++k)
+        if (!nodes[to_size(k)].empty()) by_size.emplace(nodes[to_size(k)].size(), k);
     std::optional<GeodesicSearch> search;
-    for (;;) {
-        std::vector<Index> part(to_size(count), -1), sizes;
-        for (Index k = 0; k < count; ++k) {
-            if (part[to_size(k)] >= 0) continue;
-            const auto label = to_index(sizes.size());
-            std::vector<Index> open{k};
-            part[to_size(k)] = label;
-            Index size = 0;
-            while (!open.empty()) {
-                const Index i = open.back();
-                open.pop_back();
-                ++size;
-                for (const Index j : edges[to_size(i)])
-                    if (part[to_size(j)] < 0) {
-                        part[to_size(j)] = label;
-                        open.push_back(j);
-                    }
-            }
-            sizes.push_back(size);
-        }
-        if (sizes.size() <= 1) return edges;
+    while (by_size.size() > 1) {
+        progress.report(0.8);
         // From the smallest part: the search stays short.
-        const auto smallest = to_index(std::ranges::min_element(sizes) - sizes.begin());
+        const Index smallest = by_size.extract(by_size.begin()).value().second;
+        std::vector<Index> own = std::exchange(nodes[to_size(smallest)], {});
+        std::ranges::sort(own);
         if (!search) search.emplace(graph);
         double shortest = kEndless;
         IndexPair bridge{-1, -1};
-        for (Index k = 0; k < count; ++k) {
-            if (part[to_size(k)] != smallest) continue;
+        for (const Index k : own) {
             const auto [i, distance] = first_near(
                 *search, subset.rows[to_size(k)], kReach * subset.radius, shortest, [&](Index row) {
                     const Index other = node_of[to_size(row)];
-                    return other >= 0 && part[to_size(other)] != smallest;
+                    return other >= 0 && parts.root(other) != smallest;
                 });
             if (i < 0) continue;
             shortest = distance;
@@ -139,7 +131,16 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
         edges[to_size(bridge.target)].push_back(bridge.source);
         std::ranges::sort(edges[to_size(bridge.source)]);
         std::ranges::sort(edges[to_size(bridge.target)]);
+        const Index other = parts.root(bridge.target);
+        std::vector<Index> all = std::exchange(nodes[to_size(other)], {});
+        by_size.erase({all.size(), other});
+        all.insert(all.end(), own.begin(), own.end());
+        parts.join(smallest, other);
+        const Index root = parts.root(other);
+        by_size.emplace(all.size(), root);
+        nodes[to_size(root)] = std::move(all);
     }
+    return edges;
 }
 
 /// Where the factor has entries, by the elimination tree (Davis, LDL, 2005).
@@ -214,7 +215,7 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
         }
     }
 
-    const auto edges = node_edges(graph, subset, nearby);
+    const auto edges = node_edges(graph, subset, nearby, progress);
     for (const auto& list : edges) {
         for (const Index j : list) {
             result.edge_ends.push_back(j);

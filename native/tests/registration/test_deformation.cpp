@@ -4,8 +4,12 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <chrono>
 #include <numeric>
+#include <string_view>
 
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "shapes.hpp"
 
@@ -176,6 +180,59 @@ TEST(Deformation, FarPartsHangTogether) {
             }
     }
     EXPECT_EQ(reached, ball.graph.size());
+}
+
+/// Nodes in a row, `step` after one and `gap` after every `piece` of them; all rows are nodes.
+struct Row {
+    SurfaceGraph surface;
+    Subset subset;
+
+    Row(Index count, Index piece, double gap) {
+        subset.radius = 1.0;
+        const auto length = [&](Index i) {  // to the next
+            return (i + 1) % piece == 0 ? gap + 0.001 * ((7 * i) % 1000) : 1.5;
+        };
+        for (Index i = 0; i < count; ++i) {
+            if (i > 0) add(i - 1, length(i - 1));
+            if (i + 1 < count) add(i + 1, length(i));
+            surface.offsets.push_back(static_cast<std::int64_t>(surface.neighbors.size()));
+            subset.rows.push_back(i);
+        }
+    }
+    void add(Index to, double length) {
+        surface.neighbors.push_back(to);
+        surface.lengths.push_back(length);
+    }
+};
+
+TEST(Deformation, ThousandsOfPartsHangTogetherByTheirShortestWays) {
+    // Each told from all others anew, these would take half a minute.
+    constexpr Index kCount = 60000;
+    const Row row(kCount, 2, 5.0);
+    Progress progress;
+    const DeformationGraph graph = deformation_graph(row.surface, row.subset, progress);
+    ASSERT_EQ(graph.edge_ends.size(), to_size(2 * (kCount - 1)));
+    for (Index i = 0; i + 1 < kCount; ++i)
+        ASSERT_EQ(graph.edge_ends[to_size(graph.edge_offsets[to_size(i) + 1]) - 1], i + 1);
+}
+
+TEST(Deformation, CanBeCancelledWhilePartsAreJoined) {
+    const Row row(400, 2, 5.0);
+    const ThreadCount one(1);
+    const auto calls_of = [&](Index piece) {
+        const Row its(400, piece, 5.0);
+        int calls = 0;
+        Progress counting([&](std::string_view, double) { return ++calls > 0; },
+                          std::chrono::milliseconds(0));
+        deformation_graph(its.surface, its.subset, counting);
+        return calls;
+    };
+    const int last = calls_of(2);
+    EXPECT_GE(last, calls_of(400) + 199);
+    int calls = 0;
+    Progress cancel([&](std::string_view, double) { return ++calls < last; },
+                    std::chrono::milliseconds(0));
+    EXPECT_THROW(deformation_graph(row.surface, row.subset, cancel), Cancelled);
 }
 
 TEST(Example, Deformation) {
