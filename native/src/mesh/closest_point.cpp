@@ -63,6 +63,8 @@ TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangle
     if (count == 0) return;
     std::iota(order_.begin(), order_.end(), 0);
     Positions middles(count, 3);
+    // What asks it has the time.
+    const Progress::Part part(progress, 0.0, 0.0);
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f)
             middles.row(f) = (positions.row(triangles(f, 0)) + positions.row(triangles(f, 1)) +

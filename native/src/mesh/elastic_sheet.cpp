@@ -67,6 +67,8 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, Pr
       corners_(to_index(rest.rows()), [&](auto&& take) {
           for (Index c = 0; c < triangles.size(); ++c) take(triangles(c / 3, c % 3), c);
       }) {
+    // What works with it has the time.
+    const Progress::Part part(progress, 0.0, 0.0);
     parallel_for(to_index(triangles.rows()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             Triangle& t = kept_[to_size(f)];

@@ -147,9 +147,12 @@ private:
     void settle(double length, Progress& progress) {
         const double rings = length / spacing_;
         const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 3.0, 60.0));
-        sheet_.set_metric(x_, sweeps, progress);
-        find_areas(progress);
-        find_pulls(length, progress);
+        {
+            const Progress::Part part(progress, 0.0, 0.0);
+            sheet_.set_metric(x_, sweeps, progress);
+            find_areas(progress);
+            find_pulls(length, progress);
+        }
         // Much shorter than the sides of triangles, a length only brings vertices to the surface.
         constexpr double kShort = 0.3;
         const Index iterations = length < kShort * spacing_ ? 1 : options_.iterations;
@@ -159,7 +162,11 @@ private:
         const bool lasts = length < kLasts;
         const bool lasts_at_marks = !lasts && length < kLastsAtMarks && !marks_.empty();
         const Positions before = lasts || lasts_at_marks ? x_ : Positions();
-        for (Index i = 0; i < iterations; ++i) step(length, progress);
+        for (Index i = 0; i < iterations; ++i) {
+            const Progress::Part part(progress, static_cast<double>(i) / iterations,
+                                      static_cast<double>(i + 1) / iterations);
+            step(length, progress);
+        }
         if (lasts) take_back(before, {}, progress);
         if (lasts_at_marks) take_back(before, far_from_marks(length), progress);
     }

@@ -304,13 +304,15 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
         return {source.mesh.mesh().vertices, source.mesh.mesh().polygons, {}, source.images};
     constexpr double kSamples = 0.05;  // of the time
     std::optional<WrapOnto> made;
+    std::optional<Shown> its_surface;
     {
         const Progress::Part part(progress, 0.0, kSamples);
         made.emplace(source, target, pinned, progress);
+        its_surface.emplace(made->target(), progress);
     }
     const Progress::Part rounds(progress, kSamples, 1.0);
     WrapOnto& onto = *made;
-    const Shown shown(onto.target(), progress);
+    const Shown& shown = *its_surface;
     const double tolerance = options.tolerance * std::sqrt(onto.target().area);
     GrowingMesh growing(source.mesh.mesh());
     const Index own = growing.size();

@@ -186,7 +186,7 @@ Grouped<Index> rows_of_components(const Topology& topology, std::span<const Inde
 }
 
 /// Every n-th where there are more than `most`.
-std::vector<Index> thinned(std::span<const Index> rows, Index most) {
+std::vector<Index> every_nth(std::span<const Index> rows, Index most) {
     const auto step = (rows.size() + to_size(most) - 1) / to_size(most);
     std::vector<Index> result;
     for (std::size_t k = 0; k < rows.size(); k += step) result.push_back(rows[k]);
@@ -453,7 +453,9 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
             component.genus = counts->genus;
         } else {
             const Sampled sampled{surface, loops, result.labels, options.cells};
-            sampled.look_at(component, c, thinned(rows[c], options.points), progress);
+            const Progress::Part part(progress, static_cast<double>(c) / count,
+                                      static_cast<double>(c + 1) / count);
+            sampled.look_at(component, c, every_nth(rows[c], options.points), progress);
         }
         progress.report(static_cast<double>(c + 1) / count);
     }

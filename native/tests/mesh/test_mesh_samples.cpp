@@ -129,7 +129,7 @@ TEST(MeshSamples, FollowBordersInOrder) {
 }
 
 TEST(MeshSamples, TakeABorderOfWhichVeryManyPlacesAreKept) {
-    // Each looked for among all, these would take minutes.
+    // Each looked for among all, these would take half a minute.
     constexpr Index kSteps = 300000;
     Cloud cloud;
     cloud.positions.resize(kSteps + 1, 3);

@@ -4,9 +4,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <random>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 #include "mesh/creases.hpp"
 #include "mesh/elastic_sheet.hpp"
@@ -493,6 +496,35 @@ TEST(Wrapping, MendsOnlyWhatStaysCovered) {
     mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
     EXPECT_EQ(ball.x, before);
     EXPECT_EQ(ball.creased(), creased);
+}
+
+TEST(Wrapping, SaysHowFarItIs) {
+    const Bent bent;
+    std::vector<double> said;
+    const auto listening = [&] {
+        said.clear();
+        return [&](std::string_view, double fraction) {
+            said.push_back(fraction);
+            return true;
+        };
+    };
+    // What is only made ready has no share.
+    {
+        Progress progress(listening(), std::chrono::milliseconds(0));
+        const ElasticSheet sheet(bent.source.positions, bent.source.triangles, progress);
+        const TriangleTree tree(bent.source.positions, bent.source.triangles, progress);
+        ASSERT_FALSE(said.empty());
+        EXPECT_EQ(said.back(), 0.0);
+    }
+    Progress progress(listening(), std::chrono::milliseconds(0));
+    wrap(bent.source, shaken(bent.truth, 0.1, 7), bent.onto, {}, {}, progress);
+    EXPECT_EQ(said.back(), 1.0);
+    const auto up_to = [&](double fraction) {
+        return static_cast<double>(std::ranges::upper_bound(said, fraction) - said.begin()) /
+               static_cast<double>(said.size());
+    };
+    EXPECT_LT(up_to(0.25), 0.5);
+    EXPECT_GT(up_to(0.75), 0.4);
 }
 
 TEST(Wrapping, CanBeCancelled) {

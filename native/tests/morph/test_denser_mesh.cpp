@@ -4,9 +4,11 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "mesh/mesh_edges.hpp"
@@ -87,6 +89,23 @@ TEST(DenserMesh, ACubeBecomesABallWithoutGaps) {
         EXPECT_LT(mesh.polygons[to_size(f)], cube.faces.size());
     }
     EXPECT_LE(off, mesh.faces.rows() / 50);
+}
+
+TEST(DenserMesh, SaysHowFarItIs) {
+    SKIP_WHERE_WATCHED();
+    const Cloud cube = mesh_shapes::cube(), ball = mesh_shapes::icosphere(3);
+    const Morph morph = morph_of(cube, ball, marked_corners(cube, ball));
+    std::vector<double> said;
+    Progress progress(
+        [&](std::string_view, double fraction) {
+            said.push_back(fraction);
+            return true;
+        },
+        std::chrono::milliseconds(0));
+    morph.denser(true, {.tolerance = 0.01}, progress);
+    ASSERT_FALSE(said.empty());
+    const auto between = [](double fraction) { return fraction > 0.1 && fraction < 0.9; };
+    EXPECT_GT(2 * std::ranges::count_if(said, between), std::ssize(said));
 }
 
 TEST(DenserMesh, GrowsOnlyWhereItHasTo) {

@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <chrono>
 #include <numeric>
 #include <random>
+#include <string_view>
+#include <vector>
 
 #include "joined_shapes.hpp"
 #include "pointmorph/cloud/covariance.hpp"
@@ -12,14 +16,15 @@
 namespace pointmorph {
 namespace {
 
-Topology topology_of(const Positions& positions, std::vector<Index> parts = {}) {
+Topology topology_of(const Positions& positions, std::vector<Index> parts = {},
+                     Progress&& last = Progress()) {
     Progress progress;
     const KdTree<3> tree(positions);
     const auto nearest = nearest_neighbors(tree, 16, progress);
     Normals normals = covariance_analysis(positions, nearest, progress).normals;
     orient_normals(positions, nearest, normals, progress);
     const auto loops = find_boundary_loops(positions, normals, nearest, {}, progress);
-    return find_topology({positions, normals, nearest}, loops, {parts}, {}, progress);
+    return find_topology({positions, normals, nearest}, loops, {parts}, {}, last);
 }
 
 using shapes::together;
@@ -89,6 +94,22 @@ TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
     EXPECT_EQ(topology.labels.front(), topology.labels[399]);
     EXPECT_EQ(topology.labels[400], 0);
     EXPECT_EQ(topology.strays, 1);
+}
+
+TEST(Topology, SaysHowManyPiecesItHasLookedAt) {
+    Positions two = together({shapes::sphere(3000), shapes::sphere(2000)});
+    two.bottomRows(2000).col(0).array() += 4.0;
+    std::vector<double> said;
+    topology_of(two, {},
+                Progress(
+                    [&](std::string_view, double fraction) {
+                        said.push_back(fraction);
+                        return true;
+                    },
+                    std::chrono::milliseconds(0)));
+    ASSERT_FALSE(said.empty());
+    EXPECT_NE(std::ranges::find(said, 0.5), said.end());
+    EXPECT_EQ(said.back(), 1.0);
 }
 
 TEST(Topology, TakesScatteredPointsForStrays) {
