@@ -234,15 +234,16 @@ void orient_by_winding(const Positions& positions, std::span<const Index> rows, 
     places /= size;  // so that floats are enough
     const Normals given = gather(normals, sampled);
     const KdTree<3> tree(places);
-    const Neighborhoods near = nearest_neighbors(tree, kNeighborsAround, progress);
-    const Values found_areas = local_spacing(places, near, kNeighborsAround).array().square();
-    constexpr double kLeast = 1e-4;  // of the mean, for points at one place
-    const Values areas = found_areas.cwiseMax(kLeast * found_areas.mean());
-    const WindingNormals winding(places, areas);
     const auto part = [&](double first, double last, auto&& work) {
         const Progress::Part its(progress, first, last);
         return work();
     };
+    const Neighborhoods near =
+        part(0.0, 0.0, [&] { return nearest_neighbors(tree, kNeighborsAround, progress); });
+    const Values found_areas = local_spacing(places, near, kNeighborsAround).array().square();
+    constexpr double kLeast = 1e-4;  // of the mean, for points at one place
+    const Values areas = found_areas.cwiseMax(kLeast * found_areas.mean());
+    const WindingNormals winding(places, areas);
     const double before = part(0.0, 0.1, [&] { return winding.misfit(given, progress); });
     if (!(before >= kClear)) return;
     const Normals found = part(0.1, 0.7, [&] { return winding.find(given, progress); });

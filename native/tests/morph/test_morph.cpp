@@ -7,9 +7,11 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "base/thread_engine.hpp"
 #include "checks.hpp"
@@ -17,6 +19,7 @@
 #include "morph/morphs.hpp"
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/mesh/closest_point.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
@@ -265,16 +268,31 @@ TEST_P(AnyMorph, CancelWorksInEveryStage) {
 TEST_P(AnyMorph, ProgressNeverFallsWithinAStage) {
     SKIP_WHERE_WATCHED();
     std::pair<std::string, double> last;
+    std::map<std::string, std::vector<double>> said;
     Progress watch(
         [&](std::string_view stage, double fraction) {
             if (stage == last.first) {
                 EXPECT_GE(fraction, last.second) << stage;
             }
             last = {std::string(stage), fraction};
+            said[last.first].push_back(fraction);
             return true;
         },
         std::chrono::milliseconds(0));
+    const ThreadCount one(1);  // which says all there is to say
     const Morph morph({bump_cloud(25), hemisphere(600), {}, {}, {}, {}}, options(), watch);
+    // What is said once isn't taken back: a step may not say the end before it is near.
+    constexpr std::ptrdiff_t kMany = 15;
+    int long_stages = 0;
+    for (const auto& [stage, fractions] : said) {
+        if (std::ssize(fractions) < kMany) continue;
+        ++long_stages;
+        const auto between = [](double fraction) { return fraction > 0.1 && fraction < 0.9; };
+        EXPECT_GE(std::ranges::count_if(fractions, between), 3) << stage;
+        EXPECT_LT(3 * std::ranges::count(fractions, fractions.back()), 2 * std::ssize(fractions))
+            << stage;
+    }
+    EXPECT_GE(long_stages, 4);
 }
 
 TEST(Morph, AnExceptionOfTheCallbackReachesTheCaller) {
