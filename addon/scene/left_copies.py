@@ -245,8 +245,9 @@ def _is_playing():
 
 
 def _look_soon():
+    # bpy 4.5 doesn't end after a file was opened while a timer that isn't persistent waited.
     if not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=0.0)
+        bpy.app.timers.register(_look, first_interval=0.0, persistent=True)
 
 
 def _forget(*_):
