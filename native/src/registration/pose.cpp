@@ -529,8 +529,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     });
     auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
-    std::vector<Candidate> none;
-    keep_unlike_as_given(search, least_misfit(search, trials), trials, none);
+    keep_unlike_as_given(search, least_misfit(search, trials), trials, {});
     std::vector<ExtremityMatches> tried;
     Finals so_far;
     const auto vary = [&](const PoseEffort& effort, Index rounds, double first, double last) {

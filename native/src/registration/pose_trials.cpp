@@ -81,13 +81,21 @@ Similarity implied_pose(const PoseSearch& search, const Candidate& map) {
                         map.alignment);
 }
 
-/// The factor by which a map's energy is larger for rotating the target from how it was given.
+/// How far a map rotates the target from how it was given: up to 1, at PoseOptions::as_given_angle.
+template <class Map>
+double turning(const PoseSearch& search, const Map& map) {
+    const double angle = angle_axis(implied_pose(search, map).rotation).angle();
+    return std::min(1.0, angle / search.options.as_given_angle);
+}
+
+/// The factor by which a map's energy is larger for that; `unlike` is as in PoseSearch.
+double dearer_by_turning(const PoseOptions& options, double unlike, double turning) {
+    return 1.0 + (options.as_given - 1.0 + unlike) * turning;
+}
+
 template <class Map>
 double dearer_by_turning(const PoseSearch& search, const Map& map) {
-    const PoseOptions& options = search.options;
-    const double angle = angle_axis(implied_pose(search, map).rotation).angle();
-    return 1.0 +
-           (options.as_given - 1.0 + search.unlike) * std::min(1.0, angle / options.as_given_angle);
+    return dearer_by_turning(search.options, search.unlike, turning(search, map));
 }
 
 /// A trial at its end, whose energy has been all but for likeness so far.
@@ -419,31 +427,27 @@ double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials) 
 }
 
 void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
-                          std::vector<Candidate>& maps) {
+                          std::span<Candidate> maps) {
     constexpr double kMost = 2.0;
     const PoseOptions& options = search.options;
     const double ratio = misfit > options.alike ? misfit / options.alike : 1.0;
     const double unlike = options.unlike * std::min(ratio * ratio - 1.0, kMost);
     if (unlike == search.unlike) return;
-    const auto turnings = [&](const auto& all) {
-        Values factors(static_cast<Eigen::Index>(all.size()));
-        for (std::size_t k = 0; k < all.size(); ++k)
-            factors[static_cast<Eigen::Index>(k)] = dearer_by_turning(search, all[k]);
-        return factors;
+    const auto growth = [&](const auto& map) {
+        const double its = turning(search, map);
+        return dearer_by_turning(options, unlike, its) /
+               dearer_by_turning(options, search.unlike, its);
     };
-    const Values of_trials = turnings(trials), of_maps = turnings(maps);
-    search.unlike = unlike;
-    const Values trials_more = turnings(trials).cwiseQuotient(of_trials),
-                 maps_more = turnings(maps).cwiseQuotient(of_maps);
-    for (std::size_t k = 0; k < trials.size(); ++k)
-        trials[k].energy *= trials_more[static_cast<Eigen::Index>(k)];
+    for (Trial& trial : trials) trial.energy *= growth(trial);
     std::ranges::stable_sort(trials, {}, &Trial::energy);
-    for (std::size_t k = 0; k < maps.size(); ++k) {
-        // What a rolled map costs has been said by what the best one does.
-        const double more = maps_more[maps[k].is_rolled ? 0 : static_cast<Eigen::Index>(k)];
-        maps[k].energy *= more;
-        maps[k].cost *= more;
+    // What a rolled map costs has been said by what the best one does.
+    const double of_best = maps.empty() ? 1.0 : growth(maps.front());
+    for (Candidate& map : maps) {
+        const double more = map.is_rolled ? of_best : growth(map);
+        map.energy *= more;
+        map.cost *= more;
     }
+    search.unlike = unlike;
     std::ranges::stable_sort(maps, {}, &Candidate::cost);
 }
 

@@ -156,7 +156,7 @@ double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials);
 /// From now on turning costs as much as it does between shapes whose best map has this misfit: the
 /// energies of trials and of maps, the best first, change by it, and both are sorted anew.
 void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
-                          std::vector<Candidate>& maps);
+                          std::span<Candidate> maps);
 
 /// All of them registered for longer; what is distinct, sorted.
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
