@@ -1,5 +1,7 @@
 #include "pointmorph/base/assignment.hpp"
 
+#include <algorithm>
+#include <cstdint>
 #include <limits>
 
 namespace pointmorph {
@@ -72,6 +74,29 @@ std::vector<Index> least_assignment(const Eigen::MatrixXd& costs) {
     std::vector<Index> result(to_size(rows));
     for (Index j = 1; j <= columns; ++j)
         if (row_of[to_size(j)] > 0) result[to_size(row_of[to_size(j)] - 1)] = j - 1;
+    return result;
+}
+
+std::vector<std::vector<Index>> even_assignment(const Eigen::MatrixXd& costs) {
+    const bool more_rows = costs.rows() > costs.cols();
+    const Eigen::MatrixXd wide = more_rows ? Eigen::MatrixXd(costs.transpose()) : costs;
+    const auto few = to_index(wide.rows()), many = to_index(wide.cols());
+    std::vector<std::vector<Index>> result(to_size(to_index(costs.rows())));
+    if (few == 0) return result;
+    const auto repeated = [&](Index k) {
+        return static_cast<Index>(static_cast<std::int64_t>(k) * few / many);
+    };
+    Eigen::MatrixXd square(many, many);
+    for (Index k = 0; k < many; ++k) square.row(k) = wide.row(repeated(k));
+    const std::vector<Index> partners = least_assignment(square);
+    for (Index k = 0; k < many; ++k) {
+        const Index one = repeated(k), other = partners[to_size(k)];
+        if (more_rows)
+            result[to_size(other)].push_back(one);
+        else
+            result[to_size(one)].push_back(other);
+    }
+    for (std::vector<Index>& columns : result) std::ranges::sort(columns);
     return result;
 }
 

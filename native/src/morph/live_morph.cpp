@@ -209,10 +209,11 @@ void LiveMorph::State::find_groups(const RefinementStart& start, Progress& progr
     const ComponentView source_view{s.topology, s.positions, s.normals, start.source_images},
         target_view{t.topology, t.positions, t.normals, start.target_images};
     const Similarity alignment = fit_similarity(t.positions, start.target_images);
-    const ComponentMatching matching =
+    ComponentMatching matching =
         match_components(source_view, target_view, joining_marks(sorted(input.features)), alignment,
                          options.components, progress);
     if (matching.matched.empty()) return;
+    match_rest(matching, source_view, target_view, alignment, options.components, progress);
     groups = group_components(source_view, target_view, matching, options.components, progress);
     for (std::string& words :
          components_in_words(matching, *groups, {s.topology, s.name}, {t.topology, t.name}))

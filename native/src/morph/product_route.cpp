@@ -93,13 +93,17 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const ComponentMatching matching = match_components(
         source_view, target_view, joined, whole.alignment, options.components, progress);
     if (matching.matched.empty()) return as_one();
-    const DividedComponents divided =
+    DividedComponents divided =
         divide_components(source_view, target_view, matching,
                           {joined, whole.alignment, options.components}, progress);
     const ComponentView source_parts{divided.source, source.positions, source.normals,
                                      whole.source_images, ends.source};
     const ComponentView target_parts{divided.target, target.positions, target.normals,
                                      whole.target_images, ends.target};
+    match_rest(divided.matching, source_parts, target_parts, whole.alignment, options.components,
+               progress);
+    if (!divided.kinds.empty())
+        divided.kinds.resize(divided.matching.matched.size(), GroupKind::kPlain);
     ComponentGroups groups = group_components(source_parts, target_parts, divided.matching,
                                               options.components, progress);
     groups.kinds = divided.kinds;

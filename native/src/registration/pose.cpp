@@ -133,7 +133,7 @@ std::vector<TrialStart> exchanged(const PoseSearch& search,
                                  places_of(search.source, matches, &IndexPair::source));
             const bool is_anchored = anchors(search, matches).size() >= kFewestAnchors;
             starts.push_back({pose, matches});
-            if (is_anchored) starts.push_back({pose, std::move(matches), true});
+            if (is_anchored) starts.push_back({pose, std::move(matches), StartPlaces::kAnchored});
         }
     return starts;
 }
@@ -211,6 +211,15 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
     return first;
 }
 
+/// Adds what comes of laying unlike shapes onto each other as they were given, each all over the
+/// other: no other trial may leave them so, as rotated they fit better.
+void try_as_given(const PoseSearch& search, std::vector<Trial>& trials, Progress& progress) {
+    const Vector3 to = search.source.thin.positions.colwise().mean().transpose(),
+                  from = search.target.thin.positions.colwise().mean().transpose();
+    try_starts(search, {{{1.0, Matrix3::Identity(), to - from}, {}, StartPlaces::kTransported}},
+               trials, progress);
+}
+
 /// Of sorted trials the best `count`, the best of those that leave the shapes as given, and up to
 /// `options.other_clusters` of other clusters, but none that is worse than the best by more than
 /// `factor`.
@@ -255,7 +264,7 @@ std::vector<TrialStart> varied_starts(const PoseSearch& search, const PoseEffort
             starts.push_back({pose, matches});
             // Each costs as much as another variant: the likeliest is worth it.
             if (count == 1 && anchors(search, matches).size() >= kFewestAnchors)
-                starts.push_back({pose, matches, true});
+                starts.push_back({pose, matches, StartPlaces::kAnchored});
             tried.push_back(std::move(matches));
         }
     };
@@ -530,6 +539,8 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
     keep_unlike_as_given(search, least_misfit(search, trials), trials, {});
+    if (search.unlike > 0.0)
+        in_part(progress, 0.4, 0.42, [&] { try_as_given(search, trials, progress); });
     std::vector<ExtremityMatches> tried;
     Finals so_far;
     const auto vary = [&](const PoseEffort& effort, Index rounds, double first, double last) {
@@ -544,7 +555,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     };
     const Index rounds = options.effort.rounds,
                 plain = options.likeness > 0.0 ? std::min(options.plain_rounds, rounds) : rounds;
-    vary(options.effort, plain, 0.4, 0.5);
+    vary(options.effort, plain, 0.42, 0.5);
     count_likeness(search, trials);
     vary(options.effort, rounds - plain, 0.5, 0.65);
     finish(options.effort, 0.65, 0.8);

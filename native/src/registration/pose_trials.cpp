@@ -14,6 +14,7 @@
 #include "pointmorph/registration/misfit.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
 #include "registration/annealing.hpp"
+#include "registration/transported_start.hpp"
 
 namespace pointmorph {
 
@@ -176,15 +177,18 @@ double middle_stiffness(const RegistrationLevel& level) {
     return std::sqrt(level.first_stiffness * level.last_stiffness);
 }
 
-Trial begun_at_anchors(const PoseSearch& search, const TrialStart& start) {
+/// A trial whose points are where they belong from the start on, at its end.
+Trial begun_there(const PoseSearch& search, const TrialStart& start) {
     RegistrationLevel level = search.options.trial;
-    level.stiff_rounds = 0;  // the points are where they belong, the shapes don't lie alike
-    return with_likeness(
-        search,
-        registered(search, start.alignment, search.features,
-                   anchored_start(search.source.thin, moved(search.target.thin, start.alignment),
-                                  search.distances, anchors(search, start.extremities)),
-                   level, search.registration));
+    level.stiff_rounds = 0;  // the shapes don't lie alike
+    const CoarseShape& source = search.source.thin;
+    const CoarseShape there = moved(search.target.thin, start.alignment);
+    const RegistrationStart places =
+        start.places == StartPlaces::kTransported
+            ? transported_start(source, there)
+            : anchored_start(source, there, search.distances, anchors(search, start.extremities));
+    return with_likeness(search, registered(search, start.alignment, search.features, places, level,
+                                            search.registration));
 }
 
 /// Where points start that nothing leads.
@@ -196,14 +200,14 @@ RegistrationStart resting(const PoseSearch& search, const Similarity& alignment)
                : RegistrationStart{source.positions, alignment.apply(target.positions)};
 }
 
-/// A trial halfway, or, where anchored, at its end.
+/// A trial halfway, or, where it starts from elsewhere, at its end.
 struct Begun {
     std::unique_ptr<OpenTrial> open;  ///< goes on; none where extremities led, which let go now
     Trial trial;
 };
 
 Begun begun(const PoseSearch& search, const TrialStart& start) {
-    if (start.anchored) return {nullptr, begun_at_anchors(search, start)};
+    if (start.places != StartPlaces::kAtRest) return {nullptr, begun_there(search, start)};
     const RegistrationStart places = resting(search, start.alignment);
     RegistrationLevel level = search.options.trial;
     if (start.extremities.empty()) {
@@ -393,7 +397,8 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
         if (made[k].open)
             open.push_back(std::move(made[k]));
         else
-            (starts[k].anchored ? trials : led).push_back(std::move(made[k].trial));
+            (starts[k].places != StartPlaces::kAtRest ? trials : led)
+                .push_back(std::move(made[k].trial));
     }
     double least = std::numeric_limits<double>::infinity();
     for (const Begun& half : open) least = std::min(least, half.trial.energy);
@@ -428,10 +433,11 @@ double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials) 
 
 void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
                           std::span<Candidate> maps) {
-    constexpr double kMost = 2.0;
     const PoseOptions& options = search.options;
+    constexpr double kMost = 10.0;  // nothing is turned then
     const double ratio = misfit > options.alike ? misfit / options.alike : 1.0;
-    const double unlike = options.unlike * std::min(ratio * ratio - 1.0, kMost);
+    const double squared = std::min(ratio * ratio, kMost);
+    const double unlike = options.unlike * (squared - 1.0) * squared * squared * squared;
     if (unlike == search.unlike) return;
     const auto growth = [&](const auto& map) {
         const double its = turning(search, map);

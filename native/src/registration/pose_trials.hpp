@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <concepts>
+#include <cstdint>
 #include <functional>
 #include <numeric>
 #include <optional>
@@ -73,13 +74,18 @@ struct PoseSearch {
 /// Extremities that may belong together: places in the lists of both shapes; sorted.
 using ExtremityMatches = std::vector<IndexPair>;
 
+/// Where the points of a trial start.
+enum class StartPlaces : std::uint8_t {
+    kAtRest,       ///< extremities are drawn together at first
+    kAnchored,     ///< where extremities and features say: anchored_start(); they are let go then
+    kTransported,  ///< all over the other shape: transported_start()
+};
+
 /// A pose, and extremities that belong together.
 struct TrialStart {
     Similarity alignment;
     ExtremityMatches extremities;
-    /// All points start where the extremities and the features say, see anchored_start(), and the
-    /// extremities are let go then. Else they are drawn together at first.
-    bool anchored = false;
+    StartPlaces places = StartPlaces::kAtRest;
 };
 
 /// A map between the thinned shapes.

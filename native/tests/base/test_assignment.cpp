@@ -7,6 +7,7 @@
 #include <numeric>
 #include <random>
 #include <utility>
+#include <vector>
 
 namespace pointmorph {
 namespace {
@@ -31,6 +32,55 @@ TEST(Assignment, LeastCostIsTheBestOfAllPermutations) {
             for (Index i = 0; i < rows; ++i) sum += costs(i, found[to_size(i)]);
             EXPECT_NEAR(sum, least, 1e-12);
         }
+}
+
+/// The least sum of costs where each column is one row's, and row i has `shares[i]` of them.
+double least_even(const Eigen::MatrixXd& costs, std::vector<int>& shares, Eigen::Index column) {
+    if (column == costs.cols()) return 0.0;
+    double least = std::numeric_limits<double>::infinity();
+    for (Eigen::Index i = 0; i < costs.rows(); ++i) {
+        int& left = shares[static_cast<std::size_t>(i)];
+        if (left == 0) continue;
+        --left;
+        least = std::min(least, costs(i, column) + least_even(costs, shares, column + 1));
+        ++left;
+    }
+    return least;
+}
+
+TEST(Assignment, EvenOneIsTheBestOfAllWithItsShares) {
+    std::mt19937 random(2);
+    std::uniform_real_distribution<double> cost(0.0, 1.0);
+    for (const auto& [rows, columns] : {std::pair(1, 1), {1, 4}, {2, 5}, {3, 6}, {4, 4}, {4, 7}})
+        for (int repeat = 0; repeat < 5; ++repeat) {
+            const Eigen::MatrixXd costs =
+                Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return cost(random); });
+            const std::vector<std::vector<Index>> found = even_assignment(costs);
+            ASSERT_EQ(found.size(), to_size(rows));
+            std::vector<int> shares, taken(to_size(columns), 0);
+            double sum = 0.0;
+            for (Index i = 0; i < rows; ++i) {
+                shares.push_back(static_cast<int>(found[to_size(i)].size()));
+                for (const Index j : found[to_size(i)]) {
+                    ++taken[to_size(j)];
+                    sum += costs(i, j);
+                }
+            }
+            EXPECT_EQ(taken, std::vector<int>(to_size(columns), 1));
+            EXPECT_LE(std::ranges::max(shares) - std::ranges::min(shares), 1);
+            EXPECT_NEAR(sum, least_even(costs, shares, 0), 1e-12);
+            // The other way round, each row is one column's, at the same cost.
+            const std::vector<std::vector<Index>> back = even_assignment(costs.transpose());
+            ASSERT_EQ(back.size(), to_size(columns));
+            double sum_back = 0.0;
+            for (Index j = 0; j < columns; ++j) {
+                ASSERT_EQ(back[to_size(j)].size(), 1u);
+                sum_back += costs(back[to_size(j)].front(), j);
+            }
+            EXPECT_NEAR(sum_back, sum, 1e-12);
+        }
+    EXPECT_TRUE(even_assignment(Eigen::MatrixXd(0, 3)).empty());
+    EXPECT_EQ(even_assignment(Eigen::MatrixXd(2, 0)), std::vector<std::vector<Index>>(2));
 }
 
 TEST(Assignment, EachOthersBestIsBestByFarOfItsRowAndColumn) {

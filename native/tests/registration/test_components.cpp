@@ -21,7 +21,7 @@
 namespace pointmorph {
 namespace {
 
-constexpr Index kBody = 3000, kEye = 250;
+constexpr Index kBody = 3000, kEye = 250, kRest = 1000;
 
 Positions ball(Index count, double radius, double x, double y, double z) {
     return (shapes::sphere(count) * radius).rowwise() + Eigen::RowVector3d(x, y, z);
@@ -340,6 +340,102 @@ TEST(Components, WithoutACounterpartAreJoined) {
     const Positions images = morph.source_to_target(progress).middleRows(kBody, kEye);
     const double size = (images.colwise().maxCoeff() - images.colwise().minCoeff()).norm();
     EXPECT_LT(size, 4.0 * 0.2);
+}
+
+/// A ball; under it a plate, or a ball at each end of one and a small one in between.
+Positions with_plate() {
+    Positions plate = shapes::sphere(kRest);
+    plate.col(0) *= 2.0;
+    plate.col(1) *= 0.6;
+    plate.col(2) = plate.col(2).array() * 0.1 - 1.4;
+    return together({shapes::sphere(kBody), plate});
+}
+
+Positions with_balls() {
+    return together({shapes::sphere(kBody), ball(kRest / 2, 0.35, -1.7, 0.3, -1.5),
+                     ball(kRest / 4, 0.3, 1.3, -0.3, -1.5), ball(kRest / 4, 0.2, 0.2, 0.3, -1.5)});
+}
+
+const Topology& plate_topology() {
+    static const Topology topology = topology_of({kBody, kRest});
+    return topology;
+}
+
+const Topology& balls_topology() {
+    static const Topology topology = topology_of({kBody, kRest / 2, kRest / 4, kRest / 4});
+    return topology;
+}
+
+TEST(Components, ThatAreAloneOnBothSidesAreOneAnothersAllTogether) {
+    Progress progress;
+    const Positions source = with_plate(), target = with_balls();
+    const ComponentView from = view(plate_topology(), source, source),
+                        onto = view(balls_topology(), target, target);
+    ComponentMatching m = match_components(from, onto, {}, {}, {}, progress);
+    ASSERT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}}));  // each ball is too small for the plate
+    match_rest(m, from, onto, {}, {}, progress);
+    EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {1, 1}}));
+    EXPECT_EQ(m.source_rest, std::vector<Index>{1});
+    EXPECT_EQ(m.target_rest, (std::vector<Index>{1, 2, 3}));
+    const ComponentGroups groups = group_components(from, onto, m, {}, progress);
+    EXPECT_EQ(groups.count, 2);
+    EXPECT_EQ(groups.joined, (std::vector<char>{0, 0}));
+    EXPECT_TRUE(groups.source_vanishing.empty() && groups.target_appearing.empty());
+    for (const GroupedPoints* side : {&groups.source, &groups.target})
+        for (Index i = 0; i < kBody + kRest; ++i) {
+            EXPECT_EQ(side->groups[to_size(i)], i < kBody ? 0 : 1);
+            EXPECT_EQ(side->anchors[to_size(i)], -1);
+        }
+    const std::string one = "one", two = "two";
+    const auto words =
+        components_in_words(m, groups, {plate_topology(), one}, {balls_topology(), two});
+    ASSERT_EQ(words.size(), 1u);
+    EXPECT_NE(words[0].find("1 piece of one and 3 of two"), std::string::npos) << words[0];
+}
+
+TEST(Components, ThatAreAloneArentOneAnothersWhereTheyAreLittleOrFarOrOnOthers) {
+    Progress progress;
+    const Positions source = with_plate(), target = with_balls();
+    const ComponentView from = view(plate_topology(), source, source),
+                        onto = view(balls_topology(), target, target);
+    const ComponentMatching before = match_components(from, onto, {}, {}, {}, progress);
+    const auto rest = [&](const ComponentView& there, const ComponentMatching& matching,
+                          const ComponentOptions& options) {
+        ComponentMatching m = matching;
+        match_rest(m, from, there, {}, options, progress);
+        return m.target_rest;
+    };
+    EXPECT_EQ(rest(onto, before, {}), (std::vector<Index>{1, 2, 3}));
+    ComponentOptions large;
+    large.rest_share = 1.01 * kRest / (kBody + kRest);
+    EXPECT_TRUE(rest(onto, before, large).empty());
+    Positions far = target;
+    far.bottomRows(kRest).col(2).array() += 12.0;
+    EXPECT_TRUE(rest(view(balls_topology(), far, far), before, {}).empty());
+    ComponentMatching marked = before;  // the first ball belongs onto the source's ball
+    marked.on_others = {{0, 1}};
+    EXPECT_EQ(rest(onto, marked, {}), (std::vector<Index>{2, 3}));
+    marked.on_others = {{0, 1}, {0, 2}, {0, 3}};
+    EXPECT_TRUE(rest(onto, marked, {}).empty());
+    ComponentMatching none = before;  // nothing is alone on the source
+    none.source_alone.clear();
+    EXPECT_TRUE(rest(onto, none, {}).empty());
+}
+
+TEST(Components, ThatAreAloneOnBothSidesCoverOneAnother) {
+    SKIP_WHERE_WATCHED();
+    MorphInput input;
+    input.source = {"one", with_plate(), {}, {}, {}};
+    input.target = {"two", with_balls(), {}, {}, {}};
+    Progress progress;
+    const Morph morph(std::move(input), {}, progress);
+    EXPECT_TRUE(checks::is_total(morph.pairs(), kBody + kRest, kBody + kRest));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings,
+                                 "one another all together: 1 piece of one and 3 of two"));
+    std::array<int, 2> astray{};
+    for (const auto& [s, t] : morph.pairs())
+        astray[s < kBody ? 0 : 1] += (s < kBody) != (t < kBody);
+    EXPECT_EQ(astray, (std::array<int, 2>{}));
 }
 
 constexpr Index kBars = 30, kPoints = 120;

@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <random>
+#include <vector>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -357,6 +359,60 @@ TEST(Pose, UnlikeShapesStayAsTheyWereGiven) {
         const Pose pose = find_pose({ring, egg}, options, {}, progress);
         const Similarity implied = fit_similarity(ring.positions, images_at_rest(pose.best));
         return Eigen::AngleAxisd(implied.rotation).angle();
+    };
+    EXPECT_LT(turned({}), 0.2);
+    PoseOptions without;
+    without.unlike = 0.0;
+    EXPECT_GT(turned(without), 1.0);
+}
+
+/// A dish of revolution about the z axis, its wall as thick as `wall`, in √area.
+CoarseShape dish(double radius, double height, double wall) {
+    // Along the profile: outside, rim, inside, the ground within, the ground.
+    const std::vector<Eigen::Vector2d> corners{
+        {radius, 0.0},         {radius, height}, {radius - wall, height},
+        {radius - wall, wall}, {0.0, wall},      {0.0, 0.0}};
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> uniform(0.0, 1.0);
+    std::vector<Eigen::RowVector3d> places, normals;
+    for (std::size_t k = 0; k < corners.size(); ++k) {
+        const Eigen::Vector2d a = corners[k], b = corners[(k + 1) % corners.size()];
+        const Eigen::Vector2d along = (b - a).normalized();
+        if (k == 4) continue;  // the axis
+        const auto count = static_cast<int>(2500.0 * (b - a).norm() * (a[0] + b[0]) / 2.0);
+        for (int i = 0; i < count; ++i) {
+            const double share = uniform(random), angle = 2.0 * std::numbers::pi * uniform(random);
+            // Even in area: squares of radii are even where these change.
+            const double r = std::sqrt(a[0] * a[0] + share * (b[0] * b[0] - a[0] * a[0]));
+            const double z = a[1] + share * (b[1] - a[1]);
+            places.emplace_back(r * std::cos(angle), r * std::sin(angle), z);
+            normals.emplace_back(along[1] * std::cos(angle), along[1] * std::sin(angle), -along[0]);
+        }
+    }
+    const auto rows = [](const std::vector<Eigen::RowVector3d>& list) {
+        Positions all(static_cast<Eigen::Index>(list.size()), 3);
+        for (std::size_t i = 0; i < list.size(); ++i)
+            all.row(static_cast<Eigen::Index>(i)) = list[i];
+        return all;
+    };
+    const Positions at = rows(places);
+    return coarse_of_cloud(at / std::sqrt(estimated_area(KdTree<3>(at))), rows(normals));
+}
+
+TEST(Pose, ShapesThatHaveNothingInCommonStayAsTheyWereGivenHoweverTheyFit) {
+    SKIP_WHERE_WATCHED();
+    // An egg that stands fits a dish far better lying down.
+    const Vector3 axes(0.2, 0.24, 0.4);
+    const Positions directions = shapes::sphere(2500);
+    const CoarseShape egg =
+        coarse_of_cloud(directions * axes.asDiagonal(),
+                        (directions * axes.cwiseInverse().asDiagonal()).rowwise().normalized());
+    const CoarseShape into = dish(1.2, 0.6, 0.15);
+    const auto turned = [&](const PoseOptions& options) {
+        Progress progress;
+        const Pose pose = find_pose({egg, into}, options, {}, progress);
+        return Eigen::AngleAxisd(fit_similarity(egg.positions, images_at_rest(pose.best)).rotation)
+            .angle();
     };
     EXPECT_LT(turned({}), 0.2);
     PoseOptions without;

@@ -204,16 +204,17 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
                 matches.push_back({to_index(i), to_index(j)});
     ASSERT_GE(matches.size(), 5u);
     const PoseSearch search = urchins.search();
-    const auto error = [&](bool anchored) {
-        const std::vector<Trial> trials = tried(search, {{Similarity{}, matches, anchored}});
+    const auto error = [&](StartPlaces places) {
+        const std::vector<Trial> trials = tried(search, {{Similarity{}, matches, places}});
         const Positions truth = search.source.thin.positions * urchins.turn.transpose();
         return (trials.front().registration.source_points.positions - truth)
             .rowwise()
             .norm()
             .mean();
     };
-    EXPECT_LT(error(true), 0.03);
-    EXPECT_GT(error(false), 0.1);  // drawn together, the extremities turn it inside out
+    EXPECT_LT(error(StartPlaces::kAnchored), 0.03);
+    EXPECT_GT(error(StartPlaces::kAtRest),
+              0.1);  // drawn together, the extremities turn it inside out
 }
 
 }  // namespace

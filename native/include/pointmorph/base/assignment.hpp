@@ -17,6 +17,11 @@ std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double lar
 /// (Kuhn 1955, Munkres 1957; by shortest augmenting paths).
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs);
 
+/// The columns of each row, as even as their numbers allow, with the least sum of costs: each
+/// column is one row's, or each row one column's, whichever there are more of; the others have a
+/// share of them each, which differ by one at the most.
+std::vector<std::vector<Index>> even_assignment(const Eigen::MatrixXd& costs);
+
 /// Rows and columns, none twice, with the least sum of costs, where a row costs `alone` without a
 /// column: least_assignment() of those that cost less. Ascending by row.
 std::vector<IndexPair> cheapest_pairs(const Eigen::MatrixXd& costs, double alone);

@@ -30,6 +30,11 @@ struct ComponentOptions {
     /// A component without a counterpart keeps the map of the whole, unless more than this share of
     /// its images lies where others' images lie as well: then it has no room.
     double crowded = 0.5;
+    /// What has no counterpart on either side is one another's all together, where it is this share
+    /// of the points or more on both …
+    double rest_share = 0.1;
+    /// … and costs no more than this as one component on each side (a component may cost 0.75).
+    double rest_cost = 1.0;
 };
 
 /// One of the two shapes, and where a map of the whole takes its points. Refers to all of it: the
@@ -51,6 +56,9 @@ struct ComponentMatching {
     /// part of the other one, as a shoe is of a figure of one piece. Those that most marks join
     /// come first.
     std::vector<IndexPair> on_others;
+    /// Of those that are alone, what is one another's counterpart all together: see match_rest().
+    /// Ascending; or none. Their match is the last one, of the largest of both.
+    std::vector<Index> source_rest, target_rest;
 };
 
 /// By the least sum of differences in place, size and proportions; `alignment` takes the target to
@@ -60,6 +68,12 @@ struct ComponentMatching {
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
                                    std::span<const IndexPair> marks, const Similarity& alignment,
                                    const ComponentOptions& options, Progress& progress);
+
+/// Makes what is alone on both sides one another's counterpart, all together, where it may be that:
+/// the body of a car and a truck's chassis with its cab. Throws Cancelled.
+void match_rest(ComponentMatching& matching, const ComponentView& source,
+                const ComponentView& target, const Similarity& alignment,
+                const ComponentOptions& options, Progress& progress);
 
 /// A pair of rows for each feature, from the middle of curves and regions.
 std::vector<IndexPair> joining_marks(std::span<const Feature> features);

@@ -71,8 +71,8 @@ struct PoseOptions {
     double as_given = 1.2;
     double as_given_angle = 1.0;
     /// The less two shapes have in common, the less their fit says of how they belong together:
-    /// where the least misfit at the finest level is more than `alike`, above 0, `unlike` is added
-    /// to that factor for each time that its square is more, and at most twice `unlike`.
+    /// where the least misfit at the finest level is r times `alike`, above 0, and more than that,
+    /// `unlike` · (r² − 1) · r⁶ is added to that factor.
     double alike = 0.035;
     double unlike = 0.4;
     /// The quick trial of every pose, on the coarsest level.
