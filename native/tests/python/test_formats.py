@@ -89,8 +89,8 @@ UV = "vt 0 0\nvt 1 0\nvn 0 0 1\n"
         (FOUR + UV + "f 1/1 2/2 3/1\nf 1/1 3/2 4/2 2/1\n", True),
         (FOUR + UV + "f 1//1 2//1 3//1\nf 1//1 3//1 4//1\n", True),
         (FOUR + "v 9 9 9\nf 1 2 3\n", True),  # a vertex without a face
-        (FOUR + UV + "f 1/1 2/2 3/1\n", False),  # the last one, which trimesh leaves out
-        (FOUR + "f 1 2 3\nusemtl b\nf 1 3 4\n", False),
+        (FOUR + UV + "f 1/1 2/2 3/1\n", True),
+        (FOUR + "f 1 2 3\nusemtl b\nf 1 3 4\n", True),
         (FOUR + "f -1 -2 -3\n", False),
         (FOUR + "f 1 2 3 4 4\n", False),
         (FOUR + "f 1 2 3\nl 1 2\n", False),
@@ -101,7 +101,7 @@ UV = "vt 0 0\nvt 1 0\nvn 0 0 1\n"
         ("v 0 0 0 1\nv 1 0 0 1\nv 1 1 0 1\nf 1 2 3\n", False),
     ],
 )  # fmt: skip
-def test_a_plain_obj_has_the_rows_that_trimesh_reads(
+def test_an_obj_has_the_same_rows_as_a_whole_and_line_by_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, plain: bool
 ) -> None:
     path = tmp_path / "a.obj"
@@ -123,13 +123,54 @@ def test_a_plain_obj_has_the_rows_that_trimesh_reads(
     "content",
     [FOUR, FOUR + "f 1 2 9\n", FOUR + "f 1 x 3\n", "v 0 0\nf 1 1 1\n", "v a b c\nf 1 1 1\n"],
 )
-def test_an_obj_that_is_no_mesh_is_left_to_trimesh(tmp_path: Path, content: str) -> None:
+def test_an_obj_that_is_no_mesh_is_read_line_by_line(tmp_path: Path, content: str) -> None:
     (tmp_path / "a.obj").write_text(content)
     assert obj.read(tmp_path / "a.obj") is None
 
 
-def test_a_plain_obj_is_read_without_trimesh(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text(FOUR + "f 1 2 3\n")
+def test_an_obj_keeps_its_rows_whatever_its_faces_say(tmp_path: Path) -> None:
+    """Materials, objects, several UVs and normals at a vertex, vertices without a face."""
+    (tmp_path / "a.obj").write_text(
+        "v 9 9 9\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 2 0\nv 8 8 8\n"
+        "vt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\nvn 0 1 0\n"
+        "o A\nusemtl red\nf 2/1/1 3/2/1 4/3/1 5/1/1\nusemtl blue\nf -6/3/2 -5/1/2 -2/2/2\n"
+        "o B\ng b\nf 4 5 6 \\\n 2 3\nf 2 3\nl 1 7\n"
+    )
+    shape = formats.read(tmp_path / "a.obj")
+    assert shape.positions[:, 0].tolist() == [9, 0, 1, 1, 0, 2, 8]
+    assert shape.faces is not None
+    assert shape.faces.tolist() == [
+        *([1, 2, 3], [3, 4, 1], [1, 2, 5], [3, 4, 5], [3, 5, 1], [3, 1, 2]),
+    ]
+
+
+@pytest.mark.parametrize("top", [1, 255])
+def test_an_obj_has_colors_of_vertices(tmp_path: Path, top: int) -> None:
+    (tmp_path / "a.obj").write_text(f"v 0 0 0 {top} 0 0\nv 1 0 0 0 {top} 0\nv 1 1 0 0 0 0\n")
+    shape = formats.read(tmp_path / "a.obj")
+    assert shape.colors is not None
+    assert shape.colors.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]]
+    assert shape.faces is None
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("v 0 0\n", "in line 1: fewer than three coordinates"),
+        ("v 0 0 0\n\nf 1 x 1\n", "in line 3: .*'x'"),
+        ("v 0 0 0\nf 0 1 1\n", "in line 2: a face with vertex 0"),
+        (FOUR + "f 1 2 9\n", "rows 0 to 8 of a table with 4"),
+    ],
+)
+def test_a_broken_obj_is_refused_with_the_line(tmp_path: Path, content: str, found: str) -> None:
+    (tmp_path / "a.obj").write_text(content)
+    with pytest.raises(pointmorph.FileError, match=found):
+        formats.read(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("more", ["", "usemtl b\nf -1 -2 -3\n"])
+def test_an_obj_is_read_without_trimesh(tmp_path: Path, more: str) -> None:
+    (tmp_path / "a.obj").write_text(FOUR + "f 1 2 3\n" + more)
     code = "import sys; from pointmorph import formats; formats.read(sys.argv[1]); "
     code += "sys.exit('trimesh' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.obj")]).returncode == 0

@@ -1,13 +1,15 @@
-"""Wavefront OBJ, as most programs write it: vertices and faces, in one piece.
+"""Wavefront OBJ: vertices in the order of the file, whatever objects, groups, materials, UVs and
+normals it has, and its faces as triangles.
 
-A file that is anything else is left to trimesh, whose import takes longer than a small morph. Both
-give the same rows.
+A file as most programs write it is read as a whole, any other one line by line. Both give the same
+rows.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 _Rows = npt.NDArray[np.int64]
+_Colors = npt.NDArray[np.float32]
 
 _WITHOUT_DIGITS = str.maketrans("", "", "0123456789")
 _READ = ("v ", "f ")
@@ -38,33 +41,96 @@ def read(path: Path) -> tuple[npt.NDArray[np.float64], _Rows] | None:
     if "\r" in text or "\\\n" in text or not all(map(_is_known, lines)):
         return None
     faces = [line for line in lines if line.startswith("f ")]
-    if not faces or _has_parts(lines):
+    if not faces:
         return None
     positions = _positions([line[2:] for line in lines if line.startswith("v ")])
     triangles = _triangles([" ".join(line.split()[1:]) for line in faces])
     if positions is None or triangles is None or triangles.max() >= len(positions):
         return None
-    # With more than one number in a corner, trimesh leaves the last rows out if no face has them.
-    is_whole = "/" not in faces[0] or triangles.max() == len(positions) - 1
-    return (positions, triangles) if is_whole else None
+    return positions, triangles
+
+
+def read_lines(path: Path) -> tuple[npt.NDArray[np.float64], _Rows | None, _Colors | None]:
+    """Positions, triangles and colors of any file, line by line; None where it has none.
+
+    Raises
+    ------
+    OSError
+        If it can't be read.
+    ValueError
+        If a line isn't what it should be.
+    """
+    places, colors = array("d"), array("d")
+    corners, sizes = array("q"), array("q")
+    for number, words in _lines(path):
+        try:
+            if words[0] == "v":
+                if len(words) < 4:
+                    raise ValueError("fewer than three coordinates")
+                places.extend(map(float, words[1:4]))
+                if len(words) > 6:
+                    colors.extend(map(float, (*words[4:8], "1")[:4]))
+            elif words[0] == "f" and len(words) > 3:
+                count = len(places) // 3
+                corners.extend([_row(word, count) for word in words[1:]])
+                sizes.append(len(words) - 1)
+        except ValueError as error:
+            raise ValueError(f"in line {number}: {error}") from error
+    positions = np.array(places).reshape(-1, 3)
+    # A line has all of them or none.
+    whole = len(positions) > 0 and len(colors) == 4 * len(positions)
+    return positions, _all_triangles(corners, sizes), _colors(colors) if whole else None
+
+
+def _all_triangles(corners: array[int], sizes: array[int]) -> _Rows | None:
+    if not sizes:
+        return None
+    rows, counts = np.array(corners, np.int64), np.array(sizes, np.int64)
+    equal = counts.min() == counts.max()
+    triangles = _of_equal_faces(rows.reshape(len(counts), -1)) if equal else None
+    return _of_mixed_faces(rows, counts) if triangles is None else triangles
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Words of each line that has some, with its number; one that ends with \\ goes on."""
+    before: list[str] = []
+    with path.open(encoding="utf-8", errors="surrogateescape") as lines:
+        for number, line in enumerate(lines, 1):
+            words = before + line.partition("#")[0].split()
+            before = []
+            if words and words[-1].endswith("\\"):
+                before = [*words[:-1], *words[-1].removesuffix("\\").split()]
+            elif words:
+                yield number, words
+    if before:
+        yield number, before
+
+
+def _row(corner: str, count: int) -> int:
+    """The vertex of a corner such as 3, 3/1 or -1//2; below 0, counted from the last one so far."""
+    number = int(corner.partition("/")[0])
+    if number == 0:
+        raise ValueError("a face with vertex 0, but they are counted from 1")
+    return number - 1 if number > 0 else count + number
+
+
+def _colors(numbers: array[float]) -> _Colors:
+    """Red, green, blue and alpha, 0 to 1, of numbers up to 1 or up to 255."""
+    colors = np.nan_to_num(np.array(numbers, np.float32).reshape(-1, 4))
+    for channels in (colors[:, :3], colors[:, 3:]):
+        if channels.max() > 1:
+            channels /= 255
+    return np.clip(colors, 0, 1)
 
 
 def _is_known(line: str) -> bool:
     return not line or line.startswith(_READ) or line.startswith(_SKIPPED)
 
 
-def _has_parts(lines: Sequence[str]) -> bool:
-    """Whether there is another material than the first for some of the faces."""
-    chosen = [number for number, line in enumerate(lines) if "usemtl " in line]
-    return bool(chosen) and any(line.startswith("f ") for line in lines[: chosen[-1]])
-
-
 def _positions(rows: Sequence[str]) -> npt.NDArray[np.float64] | None:
     if not rows or len(rows[0].split()) != 3:
         return None
     text = " ".join(rows)
-    if "+e" in text or "-e" in text:  # not a number, but for trimesh
-        return None
     numbers = _numbers(text, np.float64)
     if numbers is None or len(numbers) != 3 * len(rows):
         return None
@@ -82,7 +148,7 @@ def _numbers(text: str, kind: type) -> npt.NDArray[Any] | None:
 
 
 def _triangles(faces: Sequence[str]) -> _Rows | None:
-    """Triangles of faces such as "1 2 3" or "1/1/1 2/2/1 3/3/1 4/4/1", in trimesh's order."""
+    """Triangles of faces such as "1 2 3" or "1/1/1 2/2/1 3/3/1 4/4/1", quads cut alike."""
     patterns = [face.translate(_WITHOUT_DIGITS) for face in faces]
     known = {pattern: pattern.split(" ") for pattern in set(patterns)}
     corners = {corner for split in known.values() for corner in split}

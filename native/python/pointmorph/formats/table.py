@@ -73,7 +73,7 @@ def read(path: str | os.PathLike[str]) -> Shape:
             "Close other programs. If the file is small, export it again.",
         ) from error
     except Exception as error:  # the readers raise whatever their parsing meets
-        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        detail = str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
         raise FileError(
             str(path), f"a readable {suffix} file", detail, "Export the file again."
         ) from error
@@ -317,15 +317,17 @@ def _read_obj(path: Path) -> Shape:
     if plain is not None:
         positions, faces = plain
         return Shape(path.stem, positions, None, None, None, faces)
-    return _read_with_trimesh(path, split_object=False, group_material=False, skip_materials=True)
+    positions, triangles, colors = obj.read_lines(path)
+    if len(positions) == 0:
+        raise FileError(str(path), "vertices", "none", "Export the file again, with its points.")
+    return Shape(path.stem, positions, None, colors, None, triangles)
 
 
-def _read_with_trimesh(path: Path, **options: Any) -> Shape:
+def _read_with_trimesh(path: Path) -> Shape:
     import trimesh
 
     # Rows must stay those of the file: nothing merged, nothing dropped.
-    options |= {"process": False, "maintain_order": True}
-    loaded: Any = trimesh.load(path, **options)
+    loaded: Any = trimesh.load(path, process=False, maintain_order=True)
     if isinstance(loaded, trimesh.Scene):
         loaded = loaded.to_geometry()
     positions = np.asarray(loaded.vertices, np.float64)
