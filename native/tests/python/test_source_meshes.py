@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +63,87 @@ def test_a_glb_keeps_its_texture_coordinates(tmp_path: Path) -> None:
     assert np.allclose(again.vertices, positions + SHIFT, atol=1e-6)
     assert np.array_equal(again.faces, faces)
     assert np.allclose(again.visual.uv, uv, atol=1e-6)
+
+
+def scene_of_three(path: Path) -> None:
+    """A mesh in two nodes and another one below, all turned, scaled and moved, with a material, UVs
+    and normals."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    square = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
+    material = trimesh.visual.material.PBRMaterial(name="paint", baseColorFactor=[255, 0, 0, 255])
+    square.visual = trimesh.visual.TextureVisuals(uv=corners[:, :2], material=material)
+    square.vertex_normals  # noqa: B018, which are written once they were asked for
+    scene = trimesh.Scene()
+    turn = trimesh.transformations.rotation_matrix(1.0, [1, 2, 3]) @ np.diag([2.0, 3.0, 4.0, 1])
+    turn[:3, 3] = [5, 6, 7]
+    scene.add_geometry(square, node_name="left", geom_name="square", transform=turn)
+    scene.graph.update("right", geometry="square", matrix=turn @ turn)
+    box = trimesh.creation.box()
+    scene.add_geometry(box, node_name="below", geom_name="box", parent_node_name="left")
+    scene.export(path)
+
+
+def header_of(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    header: dict[str, Any] = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+    return header
+
+
+def test_a_glb_keeps_rows_nodes_and_materials(tmp_path: Path) -> None:
+    scene_of_three(tmp_path / "scene.glb")
+    before = formats.read(tmp_path / "scene.glb")
+    after = formats.read(moved(tmp_path / "scene.glb"))
+    np.testing.assert_allclose(after.positions, before.positions + SHIFT, atol=1e-4)
+    np.testing.assert_array_equal(after.faces, before.faces)
+    old, new = header_of(tmp_path / "scene.glb"), header_of(tmp_path / "moved.glb")
+    assert len(before.positions) == 4 + 4 + 8
+    for node in (*old["nodes"], *new["nodes"]):
+        node.pop("mesh", None)
+    assert new["nodes"] == old["nodes"]
+    assert new["materials"] == old["materials"]
+    first = (tmp_path / "moved.glb").read_bytes()
+    assert moved(tmp_path / "scene.glb").read_bytes() == first
+
+
+def test_a_glb_of_several_materials_has_the_same_bytes_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where trimesh writes it, which gives its parts random names."""
+    scene_of_three(tmp_path / "scene.glb")
+    content = (tmp_path / "scene.glb").read_bytes()
+    size = int.from_bytes(content[12:16], "little")
+    header = header_of(tmp_path / "scene.glb")
+    header["meshes"][0]["primitives"] += header["meshes"][1]["primitives"]
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text = text.ljust(-(-len(text) // 4) * 4)
+    sizes = [(20 + len(text) + len(content) - 20 - size).to_bytes(4, "little")]
+    sizes.append(len(text).to_bytes(4, "little"))
+    whole = content[:8] + sizes[0] + sizes[1] + content[16:20] + text + content[20 + size :]
+    (tmp_path / "scene.glb").write_bytes(whole)
+    for _ in range(2):
+        first = moved(tmp_path / "scene.glb").read_bytes()
+        assert moved(tmp_path / "scene.glb").read_bytes() == first
+        monkeypatch.setattr("pointmorph.sequences.source_meshes.moved_glb", lambda *_: None)
+
+
+def test_a_moved_glb_keeps_hard_edges(tmp_path: Path) -> None:
+    """A roof of two sides that share their ridge's places, each with its own normals."""
+    places = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 1], [1, 1, 1], [2, 0, 0], [2, 1, 0]])
+    rows = [0, 2, 1, 3, 2, 4, 3, 5]
+    roof = trimesh.Trimesh(
+        places[rows], [[0, 1, 2], [1, 3, 2], [4, 5, 6], [5, 7, 6]], process=False
+    )
+    roof.vertex_normals  # noqa: B018
+    roof.export(tmp_path / "roof.glb")
+    shape = formats.read(tmp_path / "roof.glb")
+    SourceMesh(tmp_path / "roof.glb", shape).write(
+        tmp_path / "flat.glb", shape.positions * np.array([1, 1, 0.5])
+    )
+    again = trimesh.load(tmp_path / "flat.glb", process=False).to_geometry()
+    slope = np.array([0.5, 0, 1]) / np.hypot(0.5, 1)
+    normals = np.abs(again.vertex_normals)
+    assert np.allclose(normals, slope, atol=1e-6)
+    assert not np.allclose(again.vertex_normals[1], again.vertex_normals[4])
 
 
 @pytest.mark.parametrize("suffix", [".off", ".stl"])

@@ -20,6 +20,7 @@ from pointmorph.base.errors import FileError
 from pointmorph.formats import ply
 from pointmorph.meshes.geometry import vertex_normals
 from pointmorph.morphs.denser_meshes import DenserMesh
+from pointmorph.sequences.moved_glb import moved_glb
 from pointmorph.shapes.clouds import FloatArray
 from pointmorph.storage.files import read_ply, write_bytes
 
@@ -71,7 +72,16 @@ class SourceMesh:
         if denser is not None:
             faces = denser.faces.astype(np.int64)
         normals = vertex_normals(positions, faces)
-        move = _MOVED.get(self._path.suffix.lower())
+        own = self._path.suffix.lower()
+        if own == ".glb" and denser is None:
+            try:
+                glb = moved_glb(self._path, self._shape.positions, faces, positions)
+            except (LookupError, TypeError, ValueError):  # not quite a glTF, but for trimesh
+                glb = None
+            if glb is not None:
+                write_bytes(path, glb)
+                return
+        move = _MOVED.get(own)
         if move is not None:
             write_bytes(path, move(self._path, positions, normals, denser))
             return
@@ -289,7 +299,9 @@ def _moved_glb(
             continue
         count, faces = len(mesh.vertices), len(mesh.faces)
         mesh = _with_places(mesh, positions, denser, (first, first_face))
-        moved.add_geometry(mesh, node_name=node, geom_name=node)
+        # Names of nodes are random where a mesh has several materials.
+        name = name if name not in moved.geometry else f"{name}_{len(moved.geometry)}"
+        moved.add_geometry(mesh, node_name=name, geom_name=name)
         first, first_face = first + count, first_face + faces
     return bytes(moved.export(file_type="glb"))
 
