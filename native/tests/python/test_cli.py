@@ -253,6 +253,13 @@ def test_features_of_every_kind(pair: Path) -> None:
         (["morph"], 2, "required"),
         (["morph", "plane.off", "bump.off"], 2, "--out"),
         ([*PAIR, "--out", "o", "--colour", "1"], 2, "--colour"),
+        ([*PAIR, "--out", "o", "--pth", "linear"], 2, "unknown option --pth. Did you mean --path?"),
+        (["mroph", "plane.off", "bump.off"], 2, "Did you mean morph?"),
+        ([*PAIR, "more.off", "--out", "o"], 2, "too many arguments: more.off"),
+        ([*PAIR, "--out", "o", "--frames", "x"], 2, "--frames: expected a whole number, found 'x'"),
+        ([*PAIR, "--out", "o", "--omega", "x"], 2, "--omega: expected a number, found 'x'"),
+        ([*PAIR, "--save", "o", "--frames", "2"], 2, "--out DIR"),
+        ([*PAIR, "--out", "o", "--mesh", "source"], 2, "--frames N"),
         ([*PAIR, "--out", "o", "--frames", "1"], 2, "at least 2"),
         ([*PAIR, "--out", "o", "--samples", "0"], 2, "at least 1"),
         ([*PAIR, "--out", "o", "--influence", "0"], 2, "0.51 to 1000"),
@@ -281,6 +288,53 @@ def test_wrong_calls_say_what_to_do(
     assert word in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
+    if arguments:
+        assert done.stderr.startswith("pointmorph: ")
+        assert done.stderr.count("\n") == 1
+
+
+def test_help_lists_what_counts_once_with_its_range() -> None:
+    morph, propose = (run(command, "--help").stdout for command in ("morph", "propose"))
+    assert "--wrap-conform VALUE" in morph
+    assert "wrap_conform" not in morph
+    assert "8 to 64 points" in " ".join(morph.split())
+    assert "--stagger-overlap" in morph
+    assert "--stagger-overlap" not in propose
+    assert "usage: pointmorph morph SOURCE TARGET --out DIR [--OPTION VALUE ...]\n" in morph
+
+
+def test_lines_fit_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("COLUMNS", "70")
+    text, piped = Terminal(), io.StringIO()
+    lines = [
+        f"  - {'word ' * 30}end",
+        "  Cracks                    17 %  of the points drift apart on the way",
+    ]
+    for line in lines:
+        terminal.say(line, text)
+        terminal.say(line, piped)
+    assert piped.getvalue() == "".join(f"{line}\n" for line in lines)
+    shown = text.getvalue().splitlines()
+    assert max(map(len, shown)) <= 70
+    assert shown[1].startswith("    word")
+    assert shown[-1] == " " * 34 + "way"
+
+
+def test_a_reader_that_stops_ends_no_run(pair: Path) -> None:
+    words = [sys.executable, "-m", "pointmorph", "morph", *PAIR[1:], "--out", "piped"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=pair
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert "Traceback" not in process.stderr.read().decode()
+    assert process.returncode == 0
+    assert (pair / "piped" / "report.json").is_file()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are locked in other ways there")

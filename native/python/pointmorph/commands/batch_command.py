@@ -29,7 +29,6 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
     """Adds the command to the parser's. It runs other commands by `main`."""
     batch = commands.add_parser(
         "batch",
-        allow_abbrev=False,
         help="morph many pairs: a list, one template to many targets, or all pairs of a folder",
         description="Pairs that are done are kept, and one that fails doesn't stop the others. "
         "Exit status: 0 if all are done, 3 if some aren't, 1 if none is.",

@@ -17,7 +17,14 @@ from pointmorph.base.errors import FeatureError, FileError, OptionError, Pointmo
 from pointmorph.base.option_table import Option, options
 from pointmorph.base.stages import Progress
 from pointmorph.commands import batch_command, farm_command, stored_commands, terminal
-from pointmorph.commands.arguments import distance, frame_count, positive
+from pointmorph.commands.arguments import (
+    Parser,
+    distance,
+    frame_count,
+    number,
+    positive,
+    whole_number,
+)
 from pointmorph.meshes import sampling
 from pointmorph.morphs import morphing, quality, run_words
 from pointmorph.morphs.confidence import Confidence
@@ -42,10 +49,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing), 130 (Ctrl-C) or 143 (ended from outside).
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = _parser().parse_args(words)
+    parser = _parser()
+    if not words:
+        parser.print_help(sys.stderr)
+        return terminal.WRONG_CALL
+    chosen = parser.parse_args(words)
     chosen.words = words
     try:
-        with terminal.orderly_end():
+        with terminal.lasting_output(), terminal.orderly_end():
             status: int | None = chosen.run(chosen)
             return status or 0
     except OptionError as error:
@@ -63,14 +74,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="pointmorph", description="Morphs one sampled shape into another.", allow_abbrev=False
-    )
+    parser = Parser(prog="pointmorph", description="Morphs one sampled shape into another.")
     parser.add_argument("--version", action="version", version=f"pointmorph {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     morph = commands.add_parser(
         "morph",
-        allow_abbrev=False,
+        usage=_usage("morph", "--out DIR"),
         help="match the points of two files and write in-between clouds",
         description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
     )
@@ -115,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     propose = commands.add_parser(
         "propose",
-        allow_abbrev=False,
+        usage=_usage("propose", "--out FEATURES.json"),
         help="suggest pairs of places to mark as features",
         description="Writes a features file for the morph command, with confidences.",
     )
@@ -129,6 +138,10 @@ def _parser() -> argparse.ArgumentParser:
     for module in (batch_command, farm_command):
         module.add(commands, main)
     return parser
+
+
+def _usage(command: str, out: str) -> str:
+    return f"pointmorph {command} SOURCE TARGET {out} [--OPTION VALUE ...]"
 
 
 def _losses() -> str:
@@ -157,10 +170,11 @@ def _add_common(command: argparse.ArgumentParser) -> None:
     )
     settings = command.add_argument_group("settings")
     for option in options():
-        _add_option(settings, option)
+        is_used = command.get_default("run") is _morph or option.affects in ("map", "nothing")
+        _add_option(settings, option, is_used)
 
 
-def _add_option(group: argparse._ArgumentGroup, option: Option) -> None:
+def _add_option(group: argparse._ArgumentGroup, option: Option, is_listed: bool) -> None:
     default = (
         "automatic"
         if option.default is None
@@ -169,13 +183,17 @@ def _add_option(group: argparse._ArgumentGroup, option: Option) -> None:
         else str(option.default)
     )
     names = list(dict.fromkeys([f"--{option.name.replace('_', '-')}", f"--{option.name}"]))
-    unit = f", in {option.unit}" if option.unit else ""
+    unit = f" {option.unit}" if option.unit else ""
+    limits = ""
+    if option.kind != "choice":
+        limits = f", {option.minimum:,.10g} to {option.maximum:,.10g}{unit}"
     # argparse reads % as a format
-    text = f"{option.help}{unit} (default: {default})".replace("%", "%%")
+    text = f"{option.help} (default: {default}{limits})".replace("%", "%%")
+    text = text if is_listed else argparse.SUPPRESS
     if option.kind == "choice":
         group.add_argument(*names, dest=option.name, choices=option.choices, help=text)
     else:
-        reader = int if option.kind == "int" else float
+        reader = whole_number if option.kind == "int" else number
         group.add_argument(*names, dest=option.name, metavar="VALUE", type=reader, help=text)
 
 
@@ -281,6 +299,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
     if chosen.out is None and chosen.save is None:
         raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one or both.")
+    _check_frames(chosen)
     if chosen.out is not None:
         files.make_folder(chosen.out)
 
@@ -309,7 +328,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         denser = mesh.denser
         report["denser"] = {"vertices": len(denser.positions), "faces": len(denser.faces)}
     for warning in report["warnings"]:
-        print(f"pointmorph: warning: {warning}", file=sys.stderr)
+        terminal.say(f"pointmorph: warning: {warning}", sys.stderr)
     if chosen.out is not None:
         text = json.dumps(report, indent=1) + "\n"
         files.write_bytes(chosen.out / "report.json", text.encode())
@@ -319,7 +338,21 @@ def _morph(chosen: argparse.Namespace) -> None:
         f"in {report['seconds']:.2f} s, written to {written}"
     )
     for line in _said(chosen, report, clouds):
-        print(line)
+        terminal.say(line)
+
+
+def _check_frames(chosen: argparse.Namespace) -> None:
+    """Refuses frames that nobody would get."""
+    if chosen.frames and chosen.out is None:
+        raise OptionError(
+            "frames", "--out DIR, where the frames go", "--save alone",
+            "Add it, or make frames of the saved morph: pointmorph frames.",
+        )  # fmt: skip
+    if chosen.mesh and not chosen.frames:
+        raise OptionError(
+            "mesh", "--frames N, as there is a mesh for each frame", "no frames",
+            "Add it: 2 for both ends.",
+        )  # fmt: skip
 
 
 def _said(

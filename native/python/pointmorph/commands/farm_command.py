@@ -18,14 +18,11 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
     """Adds the command to the parser's. It runs other commands by `main`."""
     farm = commands.add_parser(
         "farm",
-        allow_abbrev=False,
         help="run a batch on many machines, with Slurm or any farm that takes Open Job Description",
         description="Maps, frames and renders become tasks of their own, in that order.",
     )
     engines = farm.add_subparsers(dest="engine", required=True, metavar="ENGINE")
-    slurm = engines.add_parser(
-        "slurm", allow_abbrev=False, help="submit array jobs that wait for one another"
-    )
+    slurm = engines.add_parser("slurm", help="submit array jobs that wait for one another")
     slurm.set_defaults(run=_slurm, main=main)
     slurm.add_argument(
         "--sbatch",
@@ -39,9 +36,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
         action="store_true",
         help="wait until all tasks have ended, and report the outcome",
     )
-    openjd = engines.add_parser(
-        "openjd", allow_abbrev=False, help="write a job template of Open Job Description"
-    )
+    openjd = engines.add_parser("openjd", help="write a job template of Open Job Description")
     openjd.set_defaults(run=_openjd)
     openjd.add_argument(
         "--template", required=True, metavar="FILE.json", type=Path, help="the template to write"

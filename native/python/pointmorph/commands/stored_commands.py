@@ -26,7 +26,6 @@ def add(commands: Any) -> None:
     """Adds the commands to the parser's."""
     frames = commands.add_parser(
         "frames",
-        allow_abbrev=False,
         help="make any frames of a saved morph, on any machine",
         description="Writes frame_0000.ply …, and records which are done. Frames that are "
         "done and intact are not made again.",
@@ -74,7 +73,6 @@ def add(commands: Any) -> None:
     )
     info = commands.add_parser(
         "info",
-        allow_abbrev=False,
         help="describe a saved morph, and check that it is intact",
         description="Compares all checksums. Exit status 1 if the file is damaged.",
     )

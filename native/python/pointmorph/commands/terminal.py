@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
 from pointmorph.base.stages import Progress, stage_label
+from pointmorph.commands.arguments import WRONG_CALL as WRONG_CALL
 
-FAILED, WRONG_CALL, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 2, 3, 130, 143
+FAILED, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 3, 130, 143
 
 
 _asked_to_end = threading.Event()
@@ -52,8 +56,69 @@ def orderly_end() -> Iterator[None]:
 
 def fail(message: str, status: int) -> int:
     """Says what is wrong on stderr; returns the status."""
-    print(f"pointmorph: {message}", file=sys.stderr)
+    say(f"pointmorph: {message}", sys.stderr)
     return status
+
+
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Prints a line: on a terminal, broken to its width, further lines under what is last in a
+    table, or indented."""
+    stream = sys.stdout if stream is None else stream
+    if stream is not None and stream.isatty():
+        width = max(40, shutil.get_terminal_size().columns)
+        indent = len(line) - len(line.lstrip())
+        column = line.rfind("  ") + 2
+        below = column if indent < column < width // 2 else indent + 2
+        line = textwrap.fill(
+            line, width, subsequent_indent=" " * below,
+            break_long_words=False, break_on_hyphens=False,
+        )  # fmt: skip
+    print(line, file=stream)
+
+
+class _LastingOutput:
+    """Standard output that goes on where whoever reads it has stopped, as `head` does."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            self._give_up()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """What is still to be written goes nowhere, also at the end of the process."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def lasting_output() -> Iterator[None]:
+    """Meanwhile, a run isn't ended by the end of whoever reads what it prints."""
+    before = sys.stdout
+    if before is None:
+        yield
+        return
+    lasting: Any = _LastingOutput(before)
+    sys.stdout = lasting
+    try:
+        yield
+    finally:
+        lasting.flush()
+        sys.stdout = before
 
 
 @contextlib.contextmanager
