@@ -308,7 +308,7 @@ def test_lines_fit_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         def isatty(self) -> bool:
             return True
 
-    monkeypatch.setenv("COLUMNS", "70")
+    monkeypatch.setenv("COLUMNS", "69")
     text, piped = Terminal(), io.StringIO()
     lines = [
         f"  - {'word ' * 30}end",
@@ -319,7 +319,7 @@ def test_lines_fit_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         terminal.say(line, piped)
     assert piped.getvalue() == "".join(f"{line}\n" for line in lines)
     shown = text.getvalue().splitlines()
-    assert max(map(len, shown)) <= 70
+    assert max(map(len, shown)) <= 69
     assert shown[1].startswith("    word")
     assert shown[-1] == " " * 34 + "way"
 

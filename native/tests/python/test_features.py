@@ -215,6 +215,28 @@ def test_json_is_read(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ({"feature": {"nose": [1, 2]}}, 'expected "features", found "feature"'),
+        ({"features": {}, "Loops": ["nose"]}, 'expected "loop", found "Loops"'),
+        ({"nose": [1, 2]}, 'found no "features"'),
+    ],
+)
+def test_a_file_whose_marks_would_not_be_seen_is_refused(
+    tmp_path: Path, content: dict[str, Any], found: str
+) -> None:
+    (tmp_path / "marks.json").write_text(json.dumps(content))
+    with pytest.raises(pointmorph.FileError, match=found):
+        read_features(tmp_path / "marks.json")
+
+
+def test_a_features_file_may_have_notes(tmp_path: Path) -> None:
+    content = {"features": {"nose": [1, 2]}, "confidence": {"nose": 0.5}, "notes": "by hand"}
+    (tmp_path / "marks.json").write_text(json.dumps(content))
+    assert read_features(tmp_path / "marks.json")[0] == {"nose": Feature(1, 2)}
+
+
 # --- Samples --------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -409,6 +410,7 @@ def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature])
                     )
 
 
+_KEYS = ("features", "loop", "rigid", "fixed", "delay")
 _FEATURES = 'JSON like {"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
 
 
@@ -427,6 +429,12 @@ def read_features(
         Saying what is wrong with the file, or with which feature.
     """
     content = json_object(path, _FEATURES)
+    for name in content:  # others may say what they like
+        meant = difflib.get_close_matches(name.lower(), _KEYS, 1, 0.75)
+        if meant and name not in (*_KEYS, key):
+            raise FileError(str(path), f'"{meant[0]}"', f'"{name}"', "Correct that word.")
+    if content and not {*_KEYS, key} & set(content):
+        raise _not_features(path, f'no "{key}"')
     features, loop = content.get(key, {}), content.get("loop", [])
     if not isinstance(features, dict):
         raise _not_features(path, "something else")

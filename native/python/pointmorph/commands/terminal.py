@@ -68,7 +68,7 @@ def say(line: str, stream: TextIO | None = None) -> None:
         width = max(40, shutil.get_terminal_size().columns)
         indent = len(line) - len(line.lstrip())
         column = line.rfind("  ") + 2
-        below = column if indent < column < width // 2 else indent + 2
+        below = column if indent < column <= width // 2 else indent + 2
         line = textwrap.fill(
             line, width, subsequent_indent=" " * below,
             break_long_words=False, break_on_hyphens=False,
