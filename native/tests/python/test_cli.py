@@ -293,6 +293,35 @@ def test_wrong_calls_say_what_to_do(
         assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "word"),
+    [
+        ("source.off", ["--save", "source.off"], "save"),
+        ("target.ply", ["--out", "."], "target.ply"),
+        ("mesh_0000.ply", ["--out", ".", "--frames", "2"], "mesh_0000.ply"),
+        ("frame_0007.ply", ["--out", ".", "--save", "a.morph"], "frame_0007.ply"),
+    ],
+)
+def test_models_are_not_written_over(
+    pair: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: list[str], word: str
+) -> None:
+    monkeypatch.chdir(pair)
+    if name.endswith(".off"):
+        (pair / "plane.off").rename(name)
+    else:
+        shape = formats.read("plane.off")
+        assert shape.faces is not None
+        colors = np.ones((len(shape.positions), 4))
+        formats.write_mesh(name, shape.positions, shape.positions, colors, shape.faces)
+    before = (pair / name).read_bytes()
+    done = run("morph", name, "bump.off", *options)
+    assert done.returncode == 2
+    assert word in done.stderr
+    assert (pair / name).read_bytes() == before
+    assert run("propose", name, "bump.off", "--out", name).returncode == 2
+    assert (pair / name).read_bytes() == before
+
+
 def test_help_lists_what_counts_once_with_its_range() -> None:
     morph, propose = (run(command, "--help").stdout for command in ("morph", "propose"))
     assert "--wrap-conform VALUE" in morph

@@ -207,6 +207,18 @@ def test_unreadable_files_are_refused_in_words(
     assert name in str(caught.value)
 
 
+def test_a_file_that_may_not_be_read_is_not_called_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied", "a.xyz")
+
+    (tmp_path / "a.xyz").write_bytes(b"1 2 3\n")
+    monkeypatch.setattr("pointmorph.formats.table.check_claims", refuse)
+    with pytest.raises(pointmorph.FileError, match=r"found Permission denied\. Check the path\."):
+        formats.read(tmp_path / "a.xyz")
+
+
 def test_too_little_memory_is_not_called_a_broken_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,7 +17,13 @@ from pointmorph import __version__, formats
 from pointmorph.base.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.base.option_table import Option, options
 from pointmorph.base.stages import Progress
-from pointmorph.commands import batch_command, farm_command, stored_commands, terminal
+from pointmorph.commands import (
+    batch_command,
+    farm_command,
+    spared_inputs,
+    stored_commands,
+    terminal,
+)
 from pointmorph.commands.arguments import (
     Parser,
     distance,
@@ -243,6 +249,7 @@ def _clouds(
 
 
 def _propose(chosen: argparse.Namespace) -> None:
+    spared_inputs.check_file("out", chosen.out, [chosen.source, chosen.target])
     given, _ = read_features(chosen.features) if chosen.features else ({}, [])
     content = json_object(chosen.features, _FEATURES) if chosen.features else {}
     shapes = _read_shapes(chosen)
@@ -301,7 +308,11 @@ def _morph(chosen: argparse.Namespace) -> None:
     if chosen.out is None and chosen.save is None:
         raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one or both.")
     _check_frames(chosen)
+    inputs = [chosen.source, chosen.target, chosen.features]
+    if chosen.save is not None:
+        spared_inputs.check_file("save", chosen.save, inputs)
     if chosen.out is not None:
+        spared_inputs.check_folder(chosen.out, inputs)
         files.make_folder(chosen.out)
 
     with terminal.bars() as progress:

@@ -11,7 +11,7 @@ from typing import Any
 from pointmorph import formats
 from pointmorph.base.errors import OptionError
 from pointmorph.base.option_table import options
-from pointmorph.commands import terminal
+from pointmorph.commands import spared_inputs, terminal
 from pointmorph.commands.arguments import part_of, positive, some_frames
 from pointmorph.morphs import run_words
 from pointmorph.morphs.stored_morphs import StoredMorph, open_morph
@@ -102,6 +102,9 @@ def _frames(chosen: argparse.Namespace) -> int:
             print(f"frame {k} is missing or broken")
         print(f"{len(which) - len(missing)} of {len(which)} frames are done, in {chosen.out}")
         return terminal.INCOMPLETE if missing else 0
+    origins = [morph.header["origin"].get(side) for side in SIDES]
+    named = [origin.get("path") for origin in origins if isinstance(origin, dict)]
+    spared_inputs.check_folder(chosen.out, [chosen.source, chosen.target, *named])
     files.make_folder(chosen.out)
     if missing:
         morph.check()

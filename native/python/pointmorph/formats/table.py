@@ -53,7 +53,7 @@ def read(path: str | os.PathLike[str]) -> Shape:
             str(path),
             f"one of {' '.join(SUFFIXES)}",
             repr(suffix),
-            "Convert the file to one of these formats.",
+            "Convert the file to one of these formats, in Blender for instance.",
         )
     opened = reachable(path)
     if not opened.is_file():
@@ -71,6 +71,10 @@ def read(path: str | os.PathLike[str]) -> Shape:
             "a file that fits in memory",
             "too little memory to read it",
             "Close other programs. If the file is small, export it again.",
+        ) from error
+    except OSError as error:
+        raise FileError(
+            str(path), "a readable file", error.strerror or str(error), "Check the path."
         ) from error
     except Exception as error:  # the readers raise whatever their parsing meets
         detail = str(error).splitlines()[0].rstrip(".") if str(error) else type(error).__name__
