@@ -102,8 +102,6 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
                                      whole.target_images, ends.target};
     match_rest(divided.matching, source_parts, target_parts, whole.alignment, options.components,
                progress);
-    if (!divided.kinds.empty())
-        divided.kinds.resize(divided.matching.matched.size(), GroupKind::kPlain);
     ComponentGroups groups = group_components(source_parts, target_parts, divided.matching,
                                               options.components, progress);
     groups.kinds = divided.kinds;

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "registration/from_nodes.hpp"
+
 namespace pointmorph {
 
 namespace {
@@ -52,13 +54,7 @@ Positions images(const CoarseShape& from, const Eigen::MatrixXd& here, const Coa
     Positions of_nodes(here.rows(), 3);
     for (Eigen::Index i = 0; i < here.rows(); ++i)
         of_nodes.row(i) = place_of(here.row(i), there, to);
-    const DeformationGraph& graph = from.levels.front();
-    Positions result = Positions::Zero(from.size(), 3);
-    for (Index i = 0; i < from.size(); ++i)
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            result.row(i) +=
-                graph.point_weights[to_size(i)][k] * of_nodes.row(graph.point_nodes[to_size(i)][k]);
-    return result;
+    return from_nodes(from.levels.front(), of_nodes);
 }
 
 }  // namespace

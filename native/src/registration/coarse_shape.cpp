@@ -10,6 +10,7 @@
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "registration/crossed_limbs.hpp"
+#include "registration/from_nodes.hpp"
 
 namespace pointmorph {
 
@@ -90,12 +91,7 @@ LocalAreas local_areas(const CoarseShape& shape, Progress& progress) {
             }
         }
     });
-    LocalAreas result = LocalAreas::Zero(shape.size(), LocalAreas::ColsAtCompileTime);
-    for (Index i = 0; i < shape.size(); ++i)
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            result.row(i) +=
-                nodes.point_weights[to_size(i)][k] * of_nodes.row(nodes.point_nodes[to_size(i)][k]);
-    return result;
+    return from_nodes(nodes, of_nodes);
 }
 
 Eigen::MatrixXd node_distances(const CoarseShape& shape) {

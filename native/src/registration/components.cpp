@@ -232,10 +232,11 @@ void match_rest(ComponentMatching& matching, const ComponentView& source,
                 const ComponentOptions& options, Progress& progress) {
     std::vector<Index> of_source = rest_of(matching, matching.source_alone, &IndexPair::source),
                        of_target = rest_of(matching, matching.target_alone, &IndexPair::target);
+    if (of_source.empty() || of_target.empty()) return;
     const Topology s = as_one(source.topology, of_source), t = as_one(target.topology, of_target);
     const auto is_little = [&](const Topology& one) {
-        const Index points = one.components.front().points;
-        return points == 0 || points < options.rest_share * static_cast<double>(one.labels.size());
+        return one.components.front().points <
+               options.rest_share * static_cast<double>(one.labels.size());
     };
     if (is_little(s) || is_little(t)) return;
     const Differences differences = differences_of(

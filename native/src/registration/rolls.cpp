@@ -5,6 +5,7 @@
 
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "registration/from_nodes.hpp"
 #include "registration/self_motions.hpp"
 
 namespace pointmorph {
@@ -18,12 +19,7 @@ public:
         Eigen::Index first = 0, last = 0;
         whole_ = along.maxCoeff(&first, &last);
         const Values of_nodes = 0.5 * (whole_ + (along.col(first) - along.col(last)).array());
-        const DeformationGraph& graph = shape.levels.front();
-        lengths_ = Values::Zero(shape.size());
-        for (Index i = 0; i < shape.size(); ++i)
-            for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-                lengths_[i] +=
-                    graph.point_weights[to_size(i)][k] * of_nodes[graph.point_nodes[to_size(i)][k]];
+        lengths_ = from_nodes(shape.levels.front(), of_nodes);
         find_middles(shape);
     }
 

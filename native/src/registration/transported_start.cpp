@@ -5,6 +5,7 @@
 
 #include "pointmorph/base/assignment.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "registration/from_nodes.hpp"
 
 namespace pointmorph {
 
@@ -36,13 +37,7 @@ Positions images(const CoarseShape& from, const std::vector<std::vector<Index>>&
             of_nodes.row(static_cast<Eigen::Index>(i)) += to.positions.row(nodes[to_size(j)]);
         of_nodes.row(static_cast<Eigen::Index>(i)) /= static_cast<double>(partners[i].size());
     }
-    const DeformationGraph& graph = from.levels.front();
-    Positions result = Positions::Zero(from.size(), 3);
-    for (Index i = 0; i < from.size(); ++i)
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            result.row(i) +=
-                graph.point_weights[to_size(i)][k] * of_nodes.row(graph.point_nodes[to_size(i)][k]);
-    return result;
+    return from_nodes(from.levels.front(), of_nodes);
 }
 
 }  // namespace

@@ -95,13 +95,13 @@ struct ComponentGroups {
     GroupedPoints source, target;
     Index count = 0;
     std::vector<char> joined;  ///< of each group: whether there are more than the two matched ones
-    std::vector<GroupKind> kinds;    ///< of each group; empty where all are plain
+    std::vector<GroupKind> kinds;    ///< of the first groups; all others are plain
     std::vector<IndexPair> matched;  ///< the components that each group is of
     /// Components that go with others, out of those that are alone.
     std::vector<Index> source_vanishing, target_appearing;
 
     GroupKind kind(std::size_t group) const {
-        return kinds.empty() ? GroupKind::kPlain : kinds[group];
+        return group < kinds.size() ? kinds[group] : GroupKind::kPlain;
     }
 };
 
