@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-WRONG_CALL = 2
+from pointmorph.commands import terminal
 
 
 class Parser(argparse.ArgumentParser):
@@ -20,7 +20,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         text = message.removeprefix("argument ")
         end = "" if text.endswith("?") else "."
-        self.exit(WRONG_CALL, f"pointmorph: {text}{end} See {self.prog} --help.\n")
+        self.exit(terminal.WRONG_CALL, f"pointmorph: {text}{end} See {self.prog} --help.\n")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None

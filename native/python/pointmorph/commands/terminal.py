@@ -14,9 +14,8 @@ from types import FrameType
 from typing import Any, TextIO
 
 from pointmorph.base.stages import Progress, stage_label
-from pointmorph.commands.arguments import WRONG_CALL as WRONG_CALL
 
-FAILED, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 3, 130, 143
+FAILED, WRONG_CALL, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 2, 3, 130, 143
 
 
 _asked_to_end = threading.Event()
