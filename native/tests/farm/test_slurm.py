@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 import slurm_cluster
+from command_runs import COMMAND
 from farm_models import FRAMES, TRIES, frames_of, same_frames, write_models
 from farm_trials import Kill, Slurm, needs_blender, processes, small_trials, trial_differences
-from test_cli import COMMAND
 from test_stored_commands import run
 
 pytestmark = pytest.mark.skipif(

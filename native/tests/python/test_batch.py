@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
+from command_runs import COMMAND
 from pointmorph import formats
 from pointmorph.batch import jobs, reports
 from pointmorph.batch.jobs import read_batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, PairOutcome
 from pointmorph.batch.tasks import FarmStep, Part, farm_steps, frames_in_task, has_renders, render
-from test_cli import COMMAND
 from test_stored_commands import run, write_obj
 
 QUICK = {"method": "paper"}

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from command_runs import run, xyz
 from pointmorph import formats, sequences
 from pointmorph.sequences import Chain, moving_shapes
 from shapes import grid, grid_faces
-from test_cli import run, xyz
 from test_morphing import features
 
 SIDE = 21

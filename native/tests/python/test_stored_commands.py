@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pointmorph
 import pytest
+from command_runs import COMMAND
 from pointmorph.commands import cli, terminal
 from pointmorph.storage import files
 from shapes import grid, grid_faces
-from test_cli import COMMAND
 
 COUNT = 5
 
