@@ -9,6 +9,7 @@
 #include "base/angle.hpp"
 #include "base/grouped.hpp"
 #include "cloud/closed_length.hpp"
+#include "mesh/doubled_area.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/welding.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
@@ -20,13 +21,8 @@ namespace {
 
 using Corners = std::array<Index, 3>;
 
-Eigen::RowVector3d doubled_area(const Positions& p, Index a, Index b, Index c) {
-    const Eigen::RowVector3d u = p.row(b) - p.row(a), v = p.row(c) - p.row(a);
-    return u.cross(v);
-}
-
 /// Takes the triangles of the faces, with where they come from.
-void take_triangles(const Polygons& faces, Mesh& mesh) {
+void take_triangles(const Polygons& faces, Mesh& mesh, Progress& progress) {
     constexpr double kNoArea = 1e-14;
     std::vector<Corners> triangles;
     triangles.reserve(to_size(faces.size()));
@@ -38,7 +34,7 @@ void take_triangles(const Polygons& faces, Mesh& mesh) {
             if (corners.empty() || corners.back() != place) corners.push_back(place);
         }
         while (corners.size() > 1 && corners.front() == corners.back()) corners.pop_back();
-        for (const Corners& t : triangulate(mesh.positions, corners))
+        for (const Corners& t : triangulate(mesh.positions, corners, progress))
             if (doubled_area(mesh.positions, t[0], t[1], t[2]).norm() > kNoArea) {
                 triangles.push_back(t);
                 mesh.polygons.push_back(f);
@@ -222,68 +218,7 @@ void find_borders(const MeshEdges& edges, Mesh& mesh) {
     for (const auto& [length, b] : order) mesh.borders.push_back(std::move(borders[b]));
 }
 
-/// How good a triangle is as a piece of a polygon that faces along `normal`: its height over its
-/// longest side, negative where it lies against the polygon.
-double piece_quality(const Positions& p, Index a, Index b, Index c, const Vector3& normal) {
-    const Eigen::RowVector3d doubled = doubled_area(p, a, b, c);
-    const double longest =
-        std::max({(p.row(b) - p.row(a)).squaredNorm(), (p.row(c) - p.row(b)).squaredNorm(),
-                  (p.row(a) - p.row(c)).squaredNorm()});
-    return longest > 0.0 ? doubled.dot(normal) / longest : 0.0;
-}
-
-/// Whether another corner of the polygon lies in the triangle of three that follow one another.
-bool holds_another(const Positions& p, std::span<const Index> ring, std::size_t k,
-                   const Vector3& normal) {
-    const std::size_t n = ring.size();
-    const std::array<Index, 3> ear{ring[(k + n - 1) % n], ring[k], ring[(k + 1) % n]};
-    return std::ranges::any_of(ring, [&](Index other) {
-        if (std::ranges::find(ear, other) != ear.end()) return false;
-        for (std::size_t side = 0; side < 3; ++side)
-            if (doubled_area(p, ear[side], ear[(side + 1) % 3], other).dot(normal) <= 0.0)
-                return false;
-        return true;
-    });
-}
-
 }  // namespace
-
-std::vector<Corners> triangulate(const Positions& positions, std::span<const Index> corners) {
-    if (corners.size() < 3) return {};
-    if (corners.size() == 3) return {{corners[0], corners[1], corners[2]}};
-    Vector3 normal = Vector3::Zero();  // Newell's: twice the area seen from each axis
-    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
-        normal += doubled_area(positions, corners[0], corners[k], corners[k + 1]).transpose();
-    normal.normalize();  // stays zero where it is
-
-    std::vector<Index> ring(corners.begin(), corners.end());
-    std::vector<Corners> triangles;
-    while (ring.size() > 3) {
-        const std::size_t n = ring.size();
-        std::size_t best = 0;
-        double most = -std::numeric_limits<double>::infinity();
-        constexpr double kSame = 1e-9;  // up to rounding: the first of them
-        for (std::size_t k = 0; k < n; ++k) {
-            double quality =
-                piece_quality(positions, ring[(k + n - 1) % n], ring[k], ring[(k + 1) % n], normal);
-            if (n == 4)  // what is left counts as well
-                quality =
-                    std::min(quality, piece_quality(positions, ring[(k + n - 1) % n],
-                                                    ring[(k + 1) % n], ring[(k + 2) % n], normal));
-            constexpr double kBlocked = 4.0;  // worse than any that isn't
-            if (quality > most - kBlocked && holds_another(positions, ring, k, normal))
-                quality -= kBlocked;
-            if (quality > most + kSame) {
-                most = quality;
-                best = k;
-            }
-        }
-        triangles.push_back({ring[(best + n - 1) % n], ring[best], ring[(best + 1) % n]});
-        ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(best));
-    }
-    triangles.push_back({ring[0], ring[1], ring[2]});
-    return triangles;
-}
 
 Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles) {
     Mesh mesh;
@@ -303,7 +238,7 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     mesh.unit = normalization(cloud.positions);
     weld(cloud.positions, mesh);
     ask();
-    take_triangles(cloud.faces, mesh);
+    take_triangles(cloud.faces, mesh, progress);
     ask();
     part_what_touches(cloud.faces, mesh, progress);
     ask();

@@ -144,9 +144,10 @@ TEST(Mesh, IsTheSameAtAnyPlaceAndScale) {
 }
 
 TEST(Mesh, CutsConcavePolygonsIntoPartsOfThem) {
+    Progress silent;
     Positions p(8, 3);  // an L, a notch in it, and a corner on a straight side
     p << 0, 0, 0, 4, 0, 0, 4, 1, 0, 1.5, 1, 0, 1, 1, 0, 1, 4, 0, 0.5, 2, 0, 0, 4, 0;
-    const auto triangles = triangulate(p, all(p));
+    const auto triangles = triangulate(p, all(p), silent);
     EXPECT_EQ(triangles.size(), 6u);
     double shoelace = 0.0;
     for (Index i = 0; i < 8; ++i) {
@@ -157,10 +158,11 @@ TEST(Mesh, CutsConcavePolygonsIntoPartsOfThem) {
 }
 
 TEST(Mesh, CutsAQuadrangleWhereItBendsLeast) {
+    Progress silent;
     Positions p(4, 3);
     p << 0, 0, 0, 1, 0.9, 0, 0, 3, 0, -1, 0.9, 0;  // a dart would overlap along the other diagonal
     p(1, 0) = 0.1;
-    const auto triangles = triangulate(p, all(p));
+    const auto triangles = triangulate(p, all(p), silent);
     EXPECT_NEAR(area_of(p, triangles, Vector3::UnitZ()),
                 0.5 * std::abs(p(0, 0) * p(1, 1) - p(1, 0) * p(0, 1) + p(1, 0) * p(2, 1) -
                                p(2, 0) * p(1, 1) + p(2, 0) * p(3, 1) - p(3, 0) * p(2, 1) +
@@ -169,10 +171,11 @@ TEST(Mesh, CutsAQuadrangleWhereItBendsLeast) {
 }
 
 TEST(Mesh, TriangulatesWhatHasNoArea) {
+    Progress silent;
     const Positions p = Positions::Zero(5, 3);
-    EXPECT_EQ(triangulate(p, all(p)).size(), 3u);
-    EXPECT_TRUE(triangulate(p, std::vector<Index>{0, 1}).empty());
-    EXPECT_TRUE(triangulate(p, std::vector<Index>{}).empty());
+    EXPECT_EQ(triangulate(p, all(p), silent).size(), 3u);
+    EXPECT_TRUE(triangulate(p, std::vector<Index>{0, 1}, silent).empty());
+    EXPECT_TRUE(triangulate(p, std::vector<Index>{}, silent).empty());
 }
 
 TEST(Mesh, EdgesKnowTheirTriangles) {

@@ -56,8 +56,9 @@ Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles
 /// Length of all borders, over √area.
 double border_length(const Mesh& mesh);
 
-/// Corners of triangles that cover one polygon with `corners`, rows of `positions`.
+/// Corners of triangles that cover one polygon with `corners`, rows of `positions`: the best ear
+/// is cut off again and again (Meisters, Polygons Have Ears, 1975).
 std::vector<std::array<Index, 3>> triangulate(const Positions& positions,
-                                              std::span<const Index> corners);
+                                              std::span<const Index> corners, Progress& progress);
 
 }  // namespace pointmorph
