@@ -1,6 +1,7 @@
 #include "pointmorph/cloud/sampling.hpp"
 
 #include "bindings.hpp"
+#include "pointmorph/mesh/mesh.hpp"
 
 namespace pointmorph::bindings {
 
@@ -25,6 +26,21 @@ void bind_sampling(py::module_& module) {
         "first.",
         py::arg("positions"), py::arg("normals"), py::arg("count"), py::arg("keep"),
         py::arg("progress"));
+    module.def(
+        "triangulate",
+        [](const py::array& positions, const py::object& faces, const py::object& callback) {
+            const auto p = from_numpy<Positions>(positions);
+            const Polygons polygons = polygons_of(faces);
+            const auto progress = make_progress(callback);
+            Triangles rows;
+            {
+                const py::gil_scoped_release release;
+                rows = triangle_corners(p, polygons, *progress);
+            }
+            return to_numpy(std::move(rows));
+        },
+        "(T, 3) int32: triangles that cover the polygons (offsets, corners), as rows of corners.",
+        py::arg("positions"), py::arg("faces"), py::arg("progress"));
 }
 
 }  // namespace pointmorph::bindings

@@ -33,6 +33,11 @@ def blue_noise(
     keep: npt.NDArray[np.int64],
     progress: Any,
 ) -> npt.NDArray[np.int64]: ...
+def triangulate(
+    positions: npt.NDArray[Any],
+    faces: tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]],
+    progress: Any,
+) -> npt.NDArray[np.int32]: ...
 def propose_loop(
     source: dict[str, Any],
     target: dict[str, Any],

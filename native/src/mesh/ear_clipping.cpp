@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "mesh/doubled_area.hpp"
+#include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/mesh/mesh.hpp"
 
 namespace pointmorph {
@@ -264,6 +266,26 @@ std::vector<Ear> triangulate(const Positions& positions, std::span<const Index> 
     }
     triangles.push_back({ring[0], ring[1], ring[2]});
     return triangles;
+}
+
+Triangles triangle_corners(const Positions& positions, const Polygons& faces, Progress& progress) {
+    Eigen::Index count = 0;
+    for (Index f = 0; f < faces.size(); ++f)
+        count += std::max<Eigen::Index>(static_cast<Eigen::Index>(faces[f].size()) - 2, 0);
+    Triangles rows(count, 3);
+    Eigen::Index row = 0;
+    std::vector<Index> its;
+    for (Index f = 0; f < faces.size(); ++f) {
+        if (f % kPoll == 0) progress.report(static_cast<double>(f) / faces.size());
+        const std::span<const Index> corners = faces[f];
+        const auto first = to_index(faces.offsets[to_size(f)]);
+        its.resize(corners.size());
+        std::iota(its.begin(), its.end(), 0);
+        const Positions places = gather(positions, corners);
+        for (const auto& [a, b, c] : triangulate(places, its, progress))
+            rows.row(row++) << first + a, first + b, first + c;
+    }
+    return rows;
 }
 
 }  // namespace pointmorph

@@ -11,7 +11,7 @@ import pointmorph
 import pytest
 from conftest import SHARED
 from pointmorph import formats
-from pointmorph.meshes import fans
+from pointmorph.meshes import triangulate
 from pointmorph.meshes.local_frames import local_frames
 from pointmorph.morphs.carrying import Carrier
 from shapes import CUBE, SQUARES, ball, grid, grid_faces
@@ -340,7 +340,7 @@ def test_a_morph_carries_both_ways() -> None:
 
 def test_a_morph_of_polygons_and_of_points() -> None:
     offsets, corners = pointmorph.Cloud(CUBE, faces=SQUARES).faces or (None, None)
-    triangles, rows = fans(offsets, corners)
+    triangles, rows = triangulate(CUBE, offsets, corners)
     assert triangles.shape == rows.shape == (12, 3)
     assert sorted(set(rows.ravel().tolist())) == list(range(24))
     points = ball(400)
@@ -362,9 +362,9 @@ def test_a_smile_on_two_real_faces() -> None:
     assert target.faces is not None
     matrix = 3 * turned(2.0, (1, 1, 0))
     positions = source.positions @ matrix.T
-    target_faces = fans(*target.faces)[0]
+    target_faces = triangulate(target.positions, *target.faces)[0]
     ends = (
-        pointmorph.Cloud(positions, faces=fans(*source.faces)[0]),
+        pointmorph.Cloud(positions, faces=triangulate(source.positions, *source.faces)[0]),
         pointmorph.Cloud(target.positions, faces=target_faces),
     )
     carrier = pointmorph.morph(*ends, marks).carrier()

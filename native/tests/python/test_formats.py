@@ -92,7 +92,7 @@ UV = "vt 0 0\nvt 1 0\nvn 0 0 1\n"
         (FOUR + UV + "f 1/1 2/2 3/1\n", True),
         (FOUR + "f 1 2 3\nusemtl b\nf 1 3 4\n", True),
         (FOUR + "f -1 -2 -3\n", False),
-        (FOUR + "f 1 2 3 4 4\n", False),
+        (FOUR + "f 1 2 3 4 4\n", True),
         (FOUR + "f 1 2 3\nl 1 2\n", False),
         (FOUR + "f 1 2 3 \\\n4\n", False),
         (FOUR + UV + "f 1/1 2 3\n", False),
@@ -139,9 +139,46 @@ def test_an_obj_keeps_its_rows_whatever_its_faces_say(tmp_path: Path) -> None:
     shape = formats.read(tmp_path / "a.obj")
     assert shape.positions[:, 0].tolist() == [9, 0, 1, 1, 0, 2, 8]
     assert shape.faces is not None
-    assert shape.faces.tolist() == [
-        *([1, 2, 3], [3, 4, 1], [1, 2, 5], [3, 4, 5], [3, 5, 1], [3, 1, 2]),
-    ]
+    quad, five = shape.faces[[0, 1]], shape.faces[[3, 4, 5]]
+    assert sorted(quad.ravel().tolist()) == [1, 2, 2, 3, 4, 4]
+    assert shape.faces[2].tolist() == [1, 2, 5]
+    assert set(five.ravel().tolist()) == {1, 2, 3, 4, 5}
+
+
+COMB = [
+    (0, 0),
+    (8, 0),
+    (8, 5),
+    (7, 5),
+    (7, 1),
+    (5, 1),
+    (5, 5),
+    (3, 5),
+    (3, 1),
+    (1, 1),
+    (1, 5),
+    (0, 5),
+]
+
+
+@pytest.mark.parametrize("name", ["a.obj", "b.obj", "a.ply"])
+def test_a_polygon_that_is_not_convex_keeps_its_outline(tmp_path: Path, name: str) -> None:
+    if name.endswith(".obj"):
+        rows = [f"v {x} {y} 1" for x, y in COMB] + ["f " + " ".join(map(str, range(1, 13)))]
+        rows += ["l 1 2"] if name == "b.obj" else []  # is read line by line
+    else:
+        head = "ply\nformat ascii 1.0\nelement vertex 12\n"
+        head += "".join(f"property float {axis}\n" for axis in "xyz")
+        head += "element face 1\nproperty list uchar int vertex_indices\nend_header"
+        rows = [head, *(f"{x} {y} 1" for x, y in COMB), "12 " + " ".join(map(str, range(12)))]
+    (tmp_path / name).write_text("\n".join(rows) + "\n")
+    shape = formats.read(tmp_path / name)
+    assert shape.faces is not None
+    places = shape.positions[shape.faces][..., :2]
+    (ux, uy), (vx, vy) = (places[:, 1] - places[:, 0]).T, (places[:, 2] - places[:, 0]).T
+    areas = (ux * vy - uy * vx) / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(8 + 4 + 8 + 4)  # the back and three teeth
 
 
 @pytest.mark.parametrize("top", [1, 255])
@@ -159,7 +196,7 @@ def test_an_obj_has_colors_of_vertices(tmp_path: Path, top: int) -> None:
         ("v 0 0\n", "in line 1: fewer than three coordinates"),
         ("v 0 0 0\n\nf 1 x 1\n", "in line 3: .*'x'"),
         ("v 0 0 0\nf 0 1 1\n", "in line 2: a face with vertex 0"),
-        (FOUR + "f 1 2 9\n", "rows 0 to 8 of a table with 4"),
+        (FOUR + "f 1 2 9\n", "rows 0 to 3, found 0 to 8"),
     ],
 )
 def test_a_broken_obj_is_refused_with_the_line(tmp_path: Path, content: str, found: str) -> None:

@@ -61,4 +61,8 @@ double border_length(const Mesh& mesh);
 std::vector<std::array<Index, 3>> triangulate(const Positions& positions,
                                               std::span<const Index> corners, Progress& progress);
 
+/// The same of many polygons, one after the other, as rows of `faces.corners`; none of a polygon
+/// with fewer than three.
+Triangles triangle_corners(const Positions& positions, const Polygons& faces, Progress& progress);
+
 }  // namespace pointmorph

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph.meshes.geometry import fans
+from pointmorph.meshes.geometry import triangulate
 from pointmorph.morphs.morphing import Morph
 from pointmorph.shapes.clouds import Cloud, FloatArray
 
@@ -45,7 +45,8 @@ def film(morph: Morph, size: int = 160, up: str = "z") -> Picture:
     if morph.has_mesh:
         faces = morph.source.faces
         assert faces is not None
-        shapes = [_on_faces(morph.wrapped(t), fans(*faces)[0]) for t in (0.0, 0.5, 1.0)]
+        triangles = triangulate(morph.source.positions, *faces)[0]
+        shapes = [_on_faces(morph.wrapped(t), triangles) for t in (0.0, 0.5, 1.0)]
     else:
         frames = [morph.frame(t) for t in (0.0, 0.5, 1.0)]
         shapes = [(frame.positions, frame.normals, frame.radii) for frame in frames]
@@ -55,7 +56,7 @@ def film(morph: Morph, size: int = 160, up: str = "z") -> Picture:
 
 def _shape_of(cloud: Cloud, morph: Morph) -> tuple[FloatArray, FloatArray, FloatArray]:
     if cloud.faces is not None and len(cloud.faces[1]):
-        return _on_faces(cloud.positions, fans(*cloud.faces)[0])
+        return _on_faces(cloud.positions, triangulate(cloud.positions, *cloud.faces)[0])
     frame = morph.frame(1.0)
     return frame.positions, frame.normals, frame.radii
 

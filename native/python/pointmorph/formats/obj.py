@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pointmorph.meshes.geometry import triangulate
+
 _Rows = npt.NDArray[np.int64]
 _Colors = npt.NDArray[np.float32]
 
@@ -44,10 +46,10 @@ def read(path: Path) -> tuple[npt.NDArray[np.float64], _Rows] | None:
     if not faces:
         return None
     positions = _positions([line[2:] for line in lines if line.startswith("v ")])
-    triangles = _triangles([" ".join(line.split()[1:]) for line in faces])
-    if positions is None or triangles is None or triangles.max() >= len(positions):
+    corners = _corners([" ".join(line.split()[1:]) for line in faces])
+    if positions is None or corners is None or corners[1].max() >= len(positions):
         return None
-    return positions, triangles
+    return positions, triangulate(positions, *corners)[0]
 
 
 def read_lines(path: Path) -> tuple[npt.NDArray[np.float64], _Rows | None, _Colors | None]:
@@ -79,16 +81,17 @@ def read_lines(path: Path) -> tuple[npt.NDArray[np.float64], _Rows | None, _Colo
     positions = np.array(places).reshape(-1, 3)
     # A line has all of them or none.
     whole = len(positions) > 0 and len(colors) == 4 * len(positions)
-    return positions, _all_triangles(corners, sizes), _colors(colors) if whole else None
+    triangles = None
+    if sizes:
+        faces = _offsets(np.array(sizes, np.int64)), np.array(corners, np.int64)
+        triangles = triangulate(positions, *faces)[0]
+    return positions, triangles, _colors(colors) if whole else None
 
 
-def _all_triangles(corners: array[int], sizes: array[int]) -> _Rows | None:
-    if not sizes:
-        return None
-    rows, counts = np.array(corners, np.int64), np.array(sizes, np.int64)
-    equal = counts.min() == counts.max()
-    triangles = _of_equal_faces(rows.reshape(len(counts), -1)) if equal else None
-    return _of_mixed_faces(rows, counts) if triangles is None else triangles
+def _offsets(sizes: _Rows) -> _Rows:
+    offsets = np.zeros(len(sizes) + 1, np.int64)
+    np.cumsum(sizes, out=offsets[1:])
+    return offsets
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -147,8 +150,8 @@ def _numbers(text: str, kind: type) -> npt.NDArray[Any] | None:
             return None
 
 
-def _triangles(faces: Sequence[str]) -> _Rows | None:
-    """Triangles of faces such as "1 2 3" or "1/1/1 2/2/1 3/3/1 4/4/1", quads cut alike."""
+def _corners(faces: Sequence[str]) -> tuple[_Rows, _Rows] | None:
+    """Of faces such as "1 2 3" or "1/1/1 2/2/1 3/3/1 4/4/1": where those of each begin, and all."""
     patterns = [face.translate(_WITHOUT_DIGITS) for face in faces]
     known = {pattern: pattern.split(" ") for pattern in set(patterns)}
     corners = {corner for split in known.values() for corner in split}
@@ -164,28 +167,4 @@ def _triangles(faces: Sequence[str]) -> _Rows | None:
     rows = _numbers(text.replace("/", " "), np.int64)
     if rows is None or len(rows) != each * sizes.sum() or rows.min() < 1:
         return None
-    rows = rows[::each] - 1
-    if len(known) == 1:
-        return _of_equal_faces(rows.reshape(len(faces), -1))
-    return _of_mixed_faces(rows, sizes)
-
-
-def _of_equal_faces(rows: _Rows) -> _Rows | None:
-    if rows.shape[1] == 3:
-        return rows
-    if rows.shape[1] == 4:
-        halves: _Rows = np.concatenate([rows[:, [0, 1, 2]], rows[:, [2, 3, 0]]])
-        return halves
-    return None
-
-
-def _of_mixed_faces(rows: _Rows, sizes: _Rows) -> _Rows:
-    """Face by face: fans, but for quads, whose second triangle begins at their third corner."""
-    count = sizes - 2
-    first = np.repeat(np.cumsum(sizes) - sizes, count)
-    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    fans = np.stack([first, first + number + 1, first + number + 2], axis=1)
-    turned = (np.repeat(sizes, count) == 4) & (number == 1)
-    fans[turned] = fans[turned][:, [1, 2, 0]]
-    triangles: _Rows = rows[fans]
-    return triangles
+    return _offsets(sizes), rows[::each] - 1

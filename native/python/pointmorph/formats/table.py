@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pointmorph.base.errors import FileError
 from pointmorph.formats import obj, ply
-from pointmorph.meshes.geometry import fans
+from pointmorph.meshes.geometry import triangulate
 from pointmorph.meshes.shape import Shape
 from pointmorph.shapes.clouds import FloatArray
 from pointmorph.storage.file_checks import check_claims
@@ -286,21 +286,23 @@ def _read_ply(path: Path) -> Shape:
         _optional_floats(stacked("nx", "ny", "nz")),
         _colors(stacked("red", "green", "blue", "alpha"), stacked("red", "green", "blue")),
         column("radius"),
-        _ply_faces(tables),
+        _ply_faces(positions, tables),
         column("rigid"),
         column("fixed"),
         column("delay"),
     )
 
 
-def _ply_faces(tables: Mapping[str, ply.Element]) -> npt.NDArray[np.int64] | None:
+def _ply_faces(
+    positions: npt.NDArray[Any], tables: Mapping[str, ply.Element]
+) -> npt.NDArray[np.int64] | None:
     if "face" not in tables or tables["face"].count == 0:
         return None
     lists = tables["face"].lists
     wanted = next((n for n in ("vertex_indices", "vertex_index") if n in lists), None)
     if wanted is None:
         return None
-    return fans(lists[wanted].offsets, lists[wanted].values)[0]
+    return triangulate(positions, lists[wanted].offsets, lists[wanted].values)[0]
 
 
 def _read_text(path: Path) -> Shape:

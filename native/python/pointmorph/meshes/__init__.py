@@ -4,9 +4,9 @@ from pointmorph.meshes.geometry import (
     ClosestPlaces,
     boundary_loops,
     face_edges,
-    fans,
     nearest_rows,
     parts,
+    triangulate,
     vertex_normals,
 )
 from pointmorph.meshes.sampling import sample, sample_pair
@@ -17,10 +17,10 @@ __all__ = [
     "Shape",
     "boundary_loops",
     "face_edges",
-    "fans",
     "nearest_rows",
     "parts",
     "sample",
     "sample_pair",
+    "triangulate",
     "vertex_normals",
 ]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pointmorph._pointmorph import ClosestPlaces as _ClosestPlaces
 from pointmorph._pointmorph import nearest_neighbors
 from pointmorph._pointmorph import nearest_rows as nearest_rows
+from pointmorph._pointmorph import triangulate as _triangulate
 from pointmorph.base.errors import CloudError
 from pointmorph.shapes.clouds import Faces
 
@@ -244,20 +245,23 @@ def check_triangles(
             name,
             "triangles, (F, 3)",
             f"the shape {rows.shape}",
-            "Triangulate polygons: see meshes.fans().",
+            "Cut polygons into triangles: see meshes.triangulate().",
         )
     if count is not None:
         check_range(name, rows, count)
     return rows.astype(np.int64)
 
 
-def fans(
-    offsets: npt.NDArray[np.integer[Any]], corners: npt.NDArray[np.integer[Any]]
+def triangulate(
+    positions: npt.NDArray[Any],
+    offsets: npt.NDArray[np.integer[Any]],
+    corners: npt.NDArray[np.integer[Any]],
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Polygons as triangles.
+    """Polygons as triangles that lie in them, also where they aren't convex.
 
     Parameters
     ----------
+    positions : (N, 3) array
     offsets : (F + 1,) array of int
         Where the corners of each polygon begin, and where the last ones end.
     corners : (C,) array of int
@@ -270,19 +274,27 @@ def fans(
     (T, 3) array of int
         Their corners: rows of `corners`.
 
+    Raises
+    ------
+    CloudError
+        If a corner is a row that there isn't.
+
     Examples
     --------
     >>> import numpy as np
-    >>> from pointmorph.meshes import fans
-    >>> fans(np.array([0, 4]), np.array([7, 8, 9, 5]))[0].tolist()
-    [[7, 8, 9], [7, 9, 5]]
+    >>> from pointmorph.meshes import triangulate
+    >>> dart = np.array([[0.0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]])
+    >>> triangulate(dart, np.array([0, 4]), np.arange(4))[0].tolist()
+    [[0, 1, 3], [1, 2, 3]]
     """
-    counts = np.maximum(np.diff(offsets) - 2, 0)
-    first = np.repeat(np.asarray(offsets, np.int64)[:-1], counts)
-    starts = np.repeat(np.cumsum(counts) - counts, counts)
-    step = np.arange(len(first)) - starts
-    rows = np.stack([first, first + step + 1, first + step + 2], axis=1)
-    return np.asarray(corners, np.int64)[rows], rows
+    vertices = np.asarray(corners, np.int64)
+    check_range("faces", vertices, len(positions))
+    if len(vertices) == 3 * (len(offsets) - 1) and (np.diff(offsets) == 3).all():
+        rows = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    else:
+        faces = np.asarray(offsets, np.int64), vertices.astype(np.int32)
+        rows = _triangulate(positions, faces, None).astype(np.int64)
+    return vertices[rows], rows
 
 
 class ClosestPlaces:
@@ -319,7 +331,7 @@ class ClosestPlaces:
                 "triangles",
                 "at least one, in a table with 3 columns",
                 f"the shape {rows.shape}",
-                "Triangulate polygons: see meshes.fans().",
+                "Cut polygons into triangles: see meshes.triangulate().",
             )
         check_range("triangles", rows, len(corners))
         self._search = _ClosestPlaces(corners, rows)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pointmorph.base.errors import OptionError
 from pointmorph.base.stages import Progress
-from pointmorph.meshes.geometry import fans
+from pointmorph.meshes.geometry import triangulate
 from pointmorph.morphs.carrying import Carrier
 from pointmorph.morphs.denser_meshes import DenserMesh
 from pointmorph.morphs.frames import AsFrames
@@ -241,7 +241,8 @@ class AsMeshes(AsFrames):
             meshed = self.has_target_mesh
             images = self.wrapped_target(0.0, progress) if meshed else self.target_to_source
         own, others = (
-            None if cloud.faces is None else fans(*cloud.faces)[0] for cloud in (taker, giver)
+            None if cloud.faces is None else triangulate(cloud.positions, *cloud.faces)[0]
+            for cloud in (taker, giver)
         )
         return Carrier(taker.positions, images, giver.positions, own, others)
 
