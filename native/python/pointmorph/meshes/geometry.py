@@ -285,7 +285,7 @@ def triangulate(
     >>> from pointmorph.meshes import triangulate
     >>> dart = np.array([[0.0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]])
     >>> triangulate(dart, np.array([0, 4]), np.arange(4))[0].tolist()
-    [[0, 1, 3], [1, 2, 3]]
+    [[3, 0, 1], [1, 2, 3]]
     """
     vertices = np.asarray(corners, np.int64)
     check_range("faces", vertices, len(positions))
