@@ -115,6 +115,20 @@ def baked(text):
 
 
 @lru_cache(maxsize=32)
+def noted(text):
+    """Of the first and the last shape of a morph object, a few points: row and place of each."""
+    found = _parsed(text)
+    if not isinstance(found, list) or len(found) != 2:
+        return None
+    usable = all(isinstance(end, list) and end and all(map(_is_noted, end)) for end in found)
+    return found if usable else None
+
+
+def _is_noted(point):
+    return _are_numbers(point, 4) and _is_row(point[0])
+
+
+@lru_cache(maxsize=32)
 def names(text):
     """A list of names."""
     found = _parsed(text)

@@ -89,6 +89,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         path = self.path.lower()
         if self.path == "SETTING":
             path = context.scene.pointmorph.path
+        placement.give_back(obj)
         try:
             if self.kind == "SOURCE":
                 changed = shape_key_bakes.bake_source(context, obj, self.steps, path)

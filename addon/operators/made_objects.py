@@ -12,6 +12,7 @@ from ..scene import (
     attribute_transfer,
     morph_object,
     morphing_mesh,
+    placement,
     presentation,
     recipes,
     recomputation,
@@ -63,8 +64,10 @@ class _OnMade(Explained):
         return busy_reason() or made_reason(context)
 
     def execute(self, context):
+        obj = made_object(context)
+        placement.give_back(*morph_object.made_with(obj))
         try:
-            return self.change(context, made_object(context))
+            return self.change(context, obj)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
 
@@ -231,6 +234,7 @@ class POINTMORPH_OT_subdivide_source(Explained, Computing, bpy.types.Operator):
     def _begin_steps(self, context):
         obj = active_result(context)
         self._name, self._made = obj.name, reference_to(obj)
+        placement.give_back(*morph_object.made_with(obj))
         source_subdivision.check(obj)
         plan = yield from recomputation.plan_steps(context, obj)
         request, stops = plan.requests[0], source_subdivision.stops_of(obj, plan.requests)
@@ -280,6 +284,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     def _begin_steps(self, context):
         obj = made_object(context)
         self._name, self._made = obj.name, reference_to(obj)
+        placement.give_back(*morph_object.made_with(obj))
         wanted = self._wanted = attribute_transfer.Wanted(
             self.colors,
             self.weights,

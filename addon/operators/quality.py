@@ -125,6 +125,7 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
         if not places:
             self.report({"INFO"}, "There are no bad places of this kind")
             return {"CANCELLED"}
+        placement.give_back(*morph_object.made_with(obj))
         place = places[min(self.index, len(places) - 1)]
         if self.kind == "MESH":
             position = np.array(place["position"])

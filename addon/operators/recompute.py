@@ -12,6 +12,7 @@ from ..scene import (
     blended_textures,
     morph_object,
     morphing_mesh,
+    placement,
     presentation,
     recipes,
     recomputation,
@@ -49,6 +50,7 @@ class Recomputing(Computing):
         `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
+        placement.give_back(*morph_object.made_with(obj))
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)

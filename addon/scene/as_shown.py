@@ -421,6 +421,7 @@ _OF_MORPH = (
     "follows",
     "recipe",
     "faces",
+    "noted",
     "too_fine",
     "baked",
     "key_frames",

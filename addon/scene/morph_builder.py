@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import path_stages, remembered
 from ..data import arrays, attribute_names, creation, nodes
-from . import morph_object, morph_paths, path_display, points_display, recipes
+from . import applied, morph_object, morph_paths, path_display, points_display, recipes
 
 
 @dataclass(frozen=True)
@@ -164,6 +164,7 @@ def write_keys(obj, places):
         names = names[1:]
     for name, place in zip(names, places[1:], strict=True):
         arrays.write_key(keys[name], place)
+    applied.note(obj)
 
 
 def rebuild(obj, outcome, settings):

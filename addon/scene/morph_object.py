@@ -8,6 +8,7 @@ moves nothing itself there, is t all the same, from 0 to the number of shapes le
 the others.
 """
 
+import bpy
 import numpy as np
 import pointmorph
 
@@ -33,6 +34,17 @@ def shown_of(obj):
     """What shows a morph object of points: the mesh that was made for it, or itself."""
     mesh = obj.pointmorph.mesh
     return mesh if recipes.is_there(mesh) and mesh.pointmorph.made_from == obj else obj
+
+
+def users_of(obj):
+    """The objects of this file that share a morph object's points, itself among them."""
+    return [other for other in bpy.data.objects if other.data == obj.data]
+
+
+def made_with(obj):
+    """A morph object of points, or a mesh whose points are gone, and the meshes that were made from
+    it."""
+    return [obj, *(one for one in bpy.data.objects if one.pointmorph.made_from == obj)]
 
 
 def morph_key(obj):

@@ -145,10 +145,10 @@ def remake_mesh(copy, obj):
             arrays.write_key(keys[name], places[0])
             if name not in again:
                 lost.append(morph_builder.lost_words(copy, name))
-    for user in recomputation.users_of(copy):
+    for user in morph_object.users_of(copy):
         placed_by = placement.placed_by(user)
         _know(user, obj)
-        placement.follow_source(user, placed_by, obj)
+        placement.follow_source(user, placed_by, obj, (base, places[0]))
         user.update_tag()
     return lost
 
@@ -180,7 +180,7 @@ def remake(context, obj, plan, outcome):
     """
     if morph_object.is_result(obj):
         said = recomputation.apply(obj, plan, outcome)
-        for user in recomputation.users_of(obj):
+        for user in morph_object.users_of(obj):
             shape_follower.follow_on(user, context)
         for copy in bpy.data.objects:
             if copy.pointmorph.made_from == obj and is_copy(copy):
@@ -219,7 +219,7 @@ def is_copy(obj):
 
 
 def _check_mode(copy):
-    for user in recomputation.users_of(copy):
+    for user in morph_object.users_of(copy):
         if user.mode != "OBJECT":
             raise pointmorph.CloudError(
                 user.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."

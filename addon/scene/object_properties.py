@@ -125,6 +125,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Triangles of the shapes, packed, to compute the morph again when an object is "
         "gone",
     )
+    noted: bpy.props.StringProperty(
+        name="Noted",
+        description="Where a few points are at the first and the last shape, as JSON, to know what "
+        "was applied to this object",
+    )
     too_fine: bpy.props.StringProperty(
         name="Too Fine",
         description="Name of a shape that the source has too few vertices to show",

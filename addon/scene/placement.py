@@ -4,8 +4,9 @@ makes of the mesh that shows it."""
 import numpy as np
 from mathutils import Matrix
 
-from ..data import versions
-from . import morph_object, recipes
+from ..core import transforms
+from ..data import arrays, versions
+from . import applied, morph_object, recipes
 
 _TRANSFORMS = ("location", "rotation", "scale", "delta_")
 _CLOSE = {"rtol": 1e-6, "atol": 1e-6}
@@ -27,6 +28,7 @@ def settle(context, obj):
     """Puts the points of a morph object, if they are hidden, where the mesh lies that shows them;
     or the mesh, if that alone is hidden, where the points lie."""
     mesh = morph_object.shown_of(obj)
+    give_back(*{obj, mesh})
     if mesh == obj:
         return
     if mesh.parent is not None or len(mesh.constraints):
@@ -35,6 +37,47 @@ def settle(context, obj):
         put(obj, frame_of(mesh))
     elif mesh.hide_get():
         put_mesh(mesh, obj)
+
+
+def give_back(*objects):
+    """Gives morph objects the transforms that were applied to them: they look the same, but their
+    points are where they were made. An object that something else moves than the user keeps them.
+    """
+    for obj in objects:
+        matrix, users = applied.matrix_of(obj), morph_object.users_of(obj)
+        if matrix is None or not obj.data.is_editable or not all(map(is_free, users)):
+            continue
+        back = np.linalg.inv(matrix)
+        for key in obj.data.shape_keys.key_blocks:
+            arrays.write_key(key, transforms.move_positions(back, arrays.key_positions(key)))
+        arrays.move_vertices(obj.data, arrays.key_positions(obj.data.shape_keys.reference_key))
+        for user in users:
+            put(user, matrix_of(user) @ matrix)
+            for child in user.children:
+                if child.parent_type == "OBJECT":  # it stays, as when Blender applies
+                    moved = back @ np.array(child.matrix_parent_inverse)
+                    child.matrix_parent_inverse = Matrix(moved.tolist())
+            user.update_tag()
+
+
+def shift(positions, origin, positions_now, origin_now):
+    """(4, 4): from the old origin to the new one where points have stayed in the world, else None.
+
+    Parameters
+    ----------
+    positions, positions_now : (N, 3) arrays
+        As seen from the origins.
+    origin, origin_now : (3,) arrays
+    """
+    way = np.asarray(origin_now, np.float64) - origin
+    if len(positions) != len(positions_now) or not way.any():
+        return None
+    off = np.abs(positions_now - positions + way).max()
+    if off > 1e-5 * max(np.abs(origin).max(), np.abs(origin_now).max(), np.abs(positions).max()):
+        return None
+    matrix = np.eye(4)
+    matrix[:3, 3] = way
+    return matrix
 
 
 def put_mesh(mesh, obj):
@@ -67,7 +110,7 @@ def is_free(obj):
     )
 
 
-def follow_source(mesh, known, obj):
+def follow_source(mesh, known, obj, places):
     """Puts a mesh with the source's faces where the morph lies, now that its source was moved,
     turned or scaled. Where the user moved it, it stays.
 
@@ -77,9 +120,17 @@ def follow_source(mesh, known, obj):
         What `placed_by` said of the mesh before.
     obj : Object
         The morph object, which knows what they are now.
+    places : tuple of (N, 3) arrays
+        Of the source's vertices in its own space, before and now.
     """
     origin, source_matrix = placed_by(obj)
     if origin is None or known[0] is None:
+        return
+    matrices = known[1], source_matrix
+    seen = [transforms.apply(*one) for one in zip(matrices, places, strict=True)]
+    moved = shift(seen[0], known[0], seen[1], origin)
+    if moved is not None:
+        put(mesh, matrix_of(mesh) @ np.linalg.inv(known[1]) @ moved @ source_matrix)
         return
     before, after = home(*known), home(origin, source_matrix)
     if np.array_equal(before, after) or np.allclose(matrix_of(mesh), after, **_CLOSE):

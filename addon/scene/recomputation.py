@@ -4,7 +4,6 @@ one is gone, from what it holds itself. Chains are computed in this way from the
 from dataclasses import dataclass
 from itertools import pairwise
 
-import bpy
 import numpy as np
 import pointmorph
 
@@ -12,8 +11,9 @@ from ..core import transforms
 from ..core.computation import Request, Shape
 from ..core.features import Choice, Marks, match
 from ..core.settings import settings_values
+from ..data import arrays
 from ..data.feature_list import feature_choices
-from . import baked_colors, morph_builder, morph_object, recipes, staleness
+from . import baked_colors, morph_builder, morph_object, placement, recipes, staleness
 from .shape_reader import present_steps, read_shape_steps, update
 
 
@@ -175,18 +175,29 @@ def apply(obj, plan, outcome):
         What couldn't follow, in words.
     """
     before = recipes.recipe_of(obj).get("origin")
+    shift = _shift_of_source(obj, plan)
     lost = morph_builder.rebuild(obj, outcome, plan.recipe["settings"])
     shapes = recipes.pointers_of(obj)
-    for user in users_of(obj):
+    for user in morph_object.users_of(obj):
         morph_builder.link(user, shapes, plan.source_matrix)
         recipes.remember(user, plan.recipe, outcome)
         # Left where it was made, it goes along with its source.
         at_home = before is None or np.allclose(user.location, before, rtol=1e-6, atol=1e-6)
-        if at_home and user.parent is None:
+        if shift is not None:
+            placement.put(user, placement.matrix_of(user) @ shift)
+        elif at_home and user.parent is None:
             user.location = plan.origin
     return lost
 
 
-def users_of(obj):
-    """The objects of this file that share a morph object's points, itself among them."""
-    return [other for other in bpy.data.objects if other.data == obj.data]
+def _shift_of_source(obj, plan):
+    """(4, 4): to where the origin of the source went in the morph's frame, if nothing of it moved
+    but that: its transforms were applied, or it was given another origin. Else None."""
+    origin = recipes.recipe_of(obj).get("origin")
+    if origin is None or not plan.requests:
+        return None
+    known = arrays.key_positions(morph_object.stage_keys(obj)[0])
+    rows = arrays.read_rows(obj.data, "source_row")
+    return placement.shift(
+        arrays.by_row(rows, known), origin, plan.requests[0].source.positions, plan.origin
+    )

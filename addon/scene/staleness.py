@@ -6,7 +6,7 @@ import numpy as np
 from ..core.settings import changed_settings, name_label, settings_values
 from ..core.stepping import finish
 from ..data.feature_list import feature_choices
-from . import morph_object, recipes
+from . import applied, morph_object, recipes
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
 
@@ -73,6 +73,8 @@ def state(obj, prints=None):
         return ORPHAN, list(recipes.gone_words(obj).values())
     prints = fingerprints(obj) if prints is None else prints
     reasons = []
+    if applied.matrix_of(obj) is not None:
+        reasons.append(f'transforms were applied to "{obj.name}"')
     for known, now in zip(recipe["shapes"], prints, strict=True):
         reasons += _differences(known, now, obj.pointmorph.follows)
     scene = bpy.context.scene

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.logic
 
 DEEP = "[" * 10_000 + "]" * 10_000
 TEXTS = ("", "{", "7", "null", "[]", "{}", '"text"', DEEP, '{"shapes": []}')
-NAMES = ("recipe", "report", "faces", "baked")
+NAMES = ("recipe", "report", "faces", "baked", "noted")
 REPLACEMENTS = (None, -1, 1e308, "text", [], {}, [[]], [None, None], {"a": {"b": []}}, True)
 
 

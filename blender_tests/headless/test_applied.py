@@ -1,0 +1,186 @@
+"""Transforms that the user applies (Ctrl+A) to a morph, or to what it was made from."""
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from scenes import morph, pair, recompute, select, set_t, shown_points, surface_of
+
+pytestmark = pytest.mark.interface
+
+TURNED = Matrix.LocRotScale((1, 2, 3), Matrix.Rotation(0.4, 3, "Z"), (2, 1, 0.5))
+
+
+@pytest.fixture(params=["MESH", "POINTS"])
+def shown(request, settings):
+    """What shows the morph of two sheets, the first of which was placed before."""
+    settings.show_as = request.param
+    source, _ = pair(14, 12)
+    source.matrix_world = TURNED
+    obj = morph()
+    bpy.context.view_layer.update()
+    return obj
+
+
+def seen(obj):
+    """(3, N, 3): what is seen of an object in the world at the start, in the middle and at the
+    end."""
+    places = []
+    for t in (0.0, 0.5, 1.0):
+        set_t(obj, t)
+        shape = surface_of(obj) if obj.pointmorph.keeps_faces else shown_points(obj)
+        matrix = np.array(obj.matrix_world)
+        places.append(shape @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.array(places)
+
+
+def apply(obj, **chosen):
+    """What Ctrl+A does with an object, hidden or not."""
+    hidden, active = obj.hide_get(), bpy.context.view_layer.objects.active
+    obj.hide_set(False)
+    select(obj)
+    options = {"location": True, "rotation": True, "scale": True, **chosen}
+    assert bpy.ops.object.transform_apply(**options) == {"FINISHED"}
+    obj.hide_set(hidden)
+    select(active)
+
+
+def turn(obj):
+    obj.matrix_world = Matrix.LocRotScale((4, 0, 1), Matrix.Rotation(0.7, 3, "Y"), (1, 3, 1))
+
+
+@pytest.mark.parametrize(
+    "chosen", [{}, {"location": False}, {"location": False, "rotation": False}]
+)
+@pytest.mark.parametrize("moved", [False, True])
+def test_recompute_leaves_what_was_applied_where_it_is(shown, chosen, moved):
+    if moved:
+        turn(shown)
+    before = seen(shown)
+    apply(shown, **chosen)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+
+
+def test_it_is_out_of_date_until_then(shown):
+    turn(shown)
+    apply(shown)
+    assert shown.pointmorph.state == "STALE"
+    assert shown.pointmorph.stale == 'transforms were applied to "Hill to Dune"'
+    recompute(shown)
+    assert shown.pointmorph.state == "CURRENT"
+
+
+def test_applied_twice_and_moved_in_between(shown):
+    turn(shown)
+    apply(shown)
+    shown.rotation_euler.x = 0.5
+    apply(shown)
+    shown.location.z = 2
+    before = seen(shown)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+
+
+def test_a_flat_morph(settings):
+    for obj in pair(14, 12):
+        obj.data.transform(Matrix.Diagonal((1, 1, 0, 1)))
+    settings.show_as = "MESH"
+    shown = morph()
+    turn(shown)
+    before = seen(shown)
+    apply(shown)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+
+
+def test_children_stay(shown):
+    child = bpy.data.objects.new("Child", None)
+    bpy.context.scene.collection.objects.link(child)
+    turn(shown)
+    child.parent = shown
+    child.location = (1, 1, 1)
+    apply(shown)
+    before = np.array(child.matrix_world)
+    recompute(shown)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(np.array(child.matrix_world), before, atol=1e-5)
+
+
+def test_keys_that_were_baked_stay(settings):
+    pair(14, 12)
+    obj = morph()
+    obj.shape_key_add(name="Mine").data[0].co.z += 1
+    turn(obj)
+    apply(obj)
+    recompute(obj)
+    keys = obj.data.shape_keys.key_blocks
+    np.testing.assert_allclose(keys["Mine"].data[0].co - keys[0].data[0].co, (0, 0, 1), atol=1e-5)
+
+
+def test_points_that_were_edited_are_not_taken_for_it(shown):
+    key = shown.data.shape_keys.key_blocks["Morph"]
+    for point in key.data:
+        point.co.x += 1
+    assert shown.pointmorph.state == "CURRENT"
+    before = np.array(shown.matrix_world)
+    recompute(shown)
+    np.testing.assert_array_equal(np.array(shown.matrix_world), before)
+
+
+def test_points_are_shown_where_the_mesh_lies_that_was_applied(settings):
+    settings.show_as = "MESH"
+    pair(14, 12)[0].matrix_world = TURNED
+    shown = morph()
+    shown.matrix_world = Matrix.LocRotScale((4, 0, 1), Matrix.Rotation(0.7, 3, "Y"), None) @ TURNED
+    bpy.context.view_layer.update()
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    points = bpy.context.view_layer.objects.active
+    before = seen(points)
+    bpy.ops.pointmorph.show_as(kind="MESH")
+    apply(shown)
+    select(shown)
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    np.testing.assert_allclose(seen(points), before, atol=1e-4)
+
+
+def test_keys_are_baked_onto_the_source_all_the_same(settings):
+    source, _ = pair(14, 12)
+    obj = morph()
+    turn(obj)
+    apply(obj)
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE") == {"FINISHED"}
+    assert [key.name for key in source.data.shape_keys.key_blocks] == ["Basis", "Dune"]
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("which", ["source", "target"])
+def test_recompute_after_a_shape_was_applied(shown, which, moved):
+    """The start of a moved morph jumped to another origin."""
+    if moved:
+        shown.location.x += 5
+    before = seen(shown)
+    apply(getattr(shown.pointmorph, which))
+    recompute(shown)
+    after = seen(shown)
+    # Points of other numbers mean another order of pairs.
+    np.testing.assert_allclose(after[0].mean(axis=0), before[0].mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(after[0].min(axis=0), before[0].min(axis=0), atol=1e-4)
+    np.testing.assert_allclose(after[2].max(axis=0), before[2].max(axis=0), atol=1e-3)
+
+
+def test_undo_and_redo_of_what_was_applied(shown):
+    name = shown.name
+    turn(shown)
+    before = seen(shown)
+    bpy.ops.ed.undo_push(message="before")
+    select(shown)
+    bpy.ops.object.transform_apply("EXEC_DEFAULT", True)
+    bpy.ops.ed.undo()
+    shown = bpy.data.objects[name]
+    assert shown.pointmorph.state == "CURRENT"
+    bpy.ops.ed.redo()
+    shown = bpy.data.objects[name]
+    assert shown.pointmorph.state == "STALE"
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
