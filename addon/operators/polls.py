@@ -210,7 +210,7 @@ def active_result(context):
     active = context.view_layer.objects.active
     if morph_object.is_result(active):
         return active
-    if active is not None and morph_object.is_result(active.pointmorph.made_from):
+    if morph_object.is_made(active) and morph_object.is_result(active.pointmorph.made_from):
         return active.pointmorph.made_from
     return _last_result(context.scene)
 

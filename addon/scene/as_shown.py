@@ -379,7 +379,7 @@ def _copy(obj, mesh, created):
     copy = creation.copied(obj)
     # Its mesh is the original's until the new one is there: keys must not be removed with it.
     try:
-        _forget_morph(copy)
+        forget_morph(copy)
         _remove_modifiers(copy)
         copy.data = mesh
         copy.show_only_shape_key = False
@@ -432,10 +432,10 @@ _OF_MORPH = (
 """What an object knows of the morph that it is."""
 
 
-def _forget_morph(copy):
-    """Makes a copy of a morph an object like any other."""
+def forget_morph(obj):
+    """Makes a morph, or a copy of one, an object like any other."""
     for name in _OF_MORPH:
-        copy.pointmorph.property_unset(name)
+        obj.pointmorph.property_unset(name)
 
 
 def remove(context, copy, visibility):

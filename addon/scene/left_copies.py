@@ -14,6 +14,7 @@ from ..data.references import reference_to
 from ..data.registration import Registration, stop_timer
 from . import (
     as_shown,
+    converted,
     disc_faces,
     morph_builder,
     morph_object,
@@ -234,9 +235,10 @@ def _morphs(also_deleted=False):
 
 
 def _note_changes(scene, depsgraph):
-    if depsgraph.mode == "RENDER" or not depsgraph.id_type_updated("SCENE") or _is_playing():
+    if depsgraph.mode == "RENDER" or _is_playing():
         return
-    _look_soon()
+    if converted.forget_changed(depsgraph) or depsgraph.id_type_updated("SCENE"):
+        _look_soon()
 
 
 def _is_playing():

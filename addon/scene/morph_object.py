@@ -16,24 +16,34 @@ from ..data import arrays, versions
 from . import path_display, recipes
 
 KEY = "Morph"
+ROW = "source_row"
+"""The attribute by which a morph object of pairs is known."""
+
 _ATTRIBUTES = {"row": "INT", "normal": "FLOAT_VECTOR", "color": "FLOAT_COLOR", "radius": "FLOAT"}
 """What the pairs have of each shape, by the end of its name."""
 
 
 def is_result(obj):
-    """Whether an object is a morph object."""
-    return obj is not None and obj.type == "MESH" and "source_row" in obj.data.attributes
+    """Whether an object is a morph object of pairs."""
+    is_mesh = obj is not None and obj.type == "MESH"
+    return is_mesh and ROW in obj.data.attributes and _moves(obj)
 
 
 def is_made(obj):
     """Whether an object is a morph object, of pairs or with the source's faces."""
-    return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
+    return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces and _moves(obj))
+
+
+def _moves(obj):
+    """Whether it wasn't made a plain mesh (Object > Convert), which has neither keys nor nodes."""
+    return obj.data.shape_keys is not None or path_display.modifier_of(obj) is not None
 
 
 def shown_of(obj):
     """What shows a morph object of points: the mesh that was made for it, or itself."""
     mesh = obj.pointmorph.mesh
-    return mesh if recipes.is_there(mesh) and mesh.pointmorph.made_from == obj else obj
+    shows = recipes.is_there(mesh) and mesh.pointmorph.made_from == obj and is_made(mesh)
+    return mesh if shows else obj
 
 
 def users_of(obj):

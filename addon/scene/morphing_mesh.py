@@ -215,7 +215,7 @@ def remake(context, obj, plan, outcome):
 
 def is_copy(obj):
     """Whether an object is a copy of a source that `make_mesh` made, and of this file."""
-    return obj.pointmorph.keeps_faces and obj.library is None
+    return obj.pointmorph.keeps_faces and morph_object.is_made(obj) and obj.library is None
 
 
 def _check_mode(copy):
