@@ -55,6 +55,9 @@ class Shape:
             positions=transforms.move_positions(matrix, self.positions),
             normals=None if self.normals is None else transforms.move_normals(matrix, self.normals),
             radii=None if self.radii is None else transforms.move_radii(matrix, self.radii),
+            triangles=None
+            if self.triangles is None
+            else transforms.move_faces(matrix, self.triangles),
             skin=None if self.skin is None else self.skin.moved(matrix),
         )
 

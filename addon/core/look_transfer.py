@@ -41,9 +41,11 @@ class Skin:
 
     def moved(self, matrix):
         """Taken through a (4, 4) matrix."""
+        corners = transforms.move_faces(matrix, self.corners)
         if self.normals is None:
-            return self
-        return replace(self, normals=transforms.move_normals(matrix, self.normals))
+            return replace(self, corners=corners)
+        normals = transforms.move_normals(matrix, self.normals)
+        return replace(self, corners=corners, normals=normals)
 
 
 @dataclass(frozen=True)

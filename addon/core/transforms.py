@@ -32,6 +32,22 @@ def check_invertible(name, matrix):
     )
 
 
+def is_mirrored(matrix):
+    """Whether a (4, 4) matrix makes left of right, as a negative scale does."""
+    return np.linalg.det(np.asarray(matrix, np.float64)[:3, :3]) < 0.0
+
+
+def move_faces(matrix, triangles):
+    """(F, 3) from (F, 3): triangles, or corners of them, in the order in which they show the same
+    side once their points were taken through a (4, 4) matrix."""
+    return turned(triangles) if is_mirrored(matrix) else triangles
+
+
+def turned(triangles):
+    """(F, 3): triangles, or corners of them, that show their other side."""
+    return triangles[:, [0, 2, 1]]
+
+
 def apply(matrix, positions):
     """(N, 3) float64: positions taken through a (4, 4) matrix, the last row of which is ignored."""
     matrix = np.asarray(matrix)

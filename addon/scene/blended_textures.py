@@ -8,7 +8,7 @@ import pointmorph
 
 from ..core.look_transfer import Canvas, Options, draw
 from ..core.stepping import finish
-from ..core.transforms import move_positions
+from ..core.transforms import move_faces, move_positions
 from ..data import arrays, creation, images, look_nodes, nodes
 from . import baked_colors, morph_object, object_looks, path_display, recipes, stagger_nodes
 from .shape_reader import present_steps, read_own_steps, update
@@ -94,8 +94,9 @@ def _read_steps(context, obj, target, options):
             "Add one, so that there is something to blend to.",
         )
     yield
-    skin = object_looks.read_skin(obj, obj.data)
-    triangles = arrays.mesh_triangles(obj.data)
+    matrix = morph_object.source_matrix_of(obj)
+    skin = object_looks.read_skin(obj, obj.data).moved(matrix)
+    triangles = move_faces(matrix, arrays.mesh_triangles(obj.data))
     yield
     canvas = Canvas(triangles, skin, places_at_end(obj))
     return lambda progress: draw(canvas, model, options, progress)

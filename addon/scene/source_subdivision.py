@@ -1,9 +1,12 @@
 """More vertices for a source where its faces are too large to show the shapes that it becomes."""
 
+from dataclasses import replace
+
 import bmesh
 import numpy as np
 import pointmorph
 
+from ..core import transforms
 from ..core.features import PREFIX
 from ..data import arrays, surfaces
 from ..data.denser_source import Stop, are_same
@@ -120,7 +123,11 @@ def write(source, finer, triangles):
     mesh = source.data
     before = len(mesh.vertices)
     now = arrays.mesh_triangles(mesh)
-    if now is None or not np.array_equal(now, triangles):
+    if now is not None and np.array_equal(
+        transforms.turned(now), triangles
+    ):  # of a mirrored object
+        finer = replace(finer, triangles=transforms.turned(finer.triangles))
+    elif now is None or not np.array_equal(now, triangles):
         raise pointmorph.CloudError(
             source.name, "a mesh that doesn't change", "changes in the meantime", "Try again."
         )

@@ -1,0 +1,126 @@
+"""Objects with a negative scale morph as those do whose mesh was mirrored."""
+
+import json
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from scenes import assert_same, content, morph, pair, pick, select
+
+MIRROR = Matrix.Diagonal((-1, 1, 1, 1))
+
+
+def ball(name, bump):
+    """A ball that bulges to one side, its faces outward."""
+    mesh = bpy.data.meshes.new(name)
+    made = bmesh.new()
+    bmesh.ops.create_uvsphere(made, u_segments=16, v_segments=12, radius=1)
+    for vertex in made.verts:
+        vertex.co *= 1 + bump * max(0, vertex.co.x) + 0.3 * max(0, vertex.co.y + vertex.co.z)
+    bmesh.ops.triangulate(made, faces=made.faces)  # quads that are turned have other diagonals
+    made.to_mesh(mesh)
+    made.free()
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+@pytest.fixture
+def balls(settings):
+    settings.show_as = "MESH"
+    found = ball("Hill", 0.5), ball("Dune", 1.0)
+    pick(*found)
+    return found
+
+
+def apply(obj):
+    """The same form with the mesh itself mirrored, its faces outward."""
+    obj.matrix_world = Matrix()
+    obj.data.transform(MIRROR)
+    obj.data.flip_normals()
+
+
+def made(shown):
+    points = shown.pointmorph.made_from or shown
+    return json.loads(points.pointmorph.report), content(points)
+
+
+@pytest.mark.parametrize("which", [(0,), (1,), (0, 1)])
+def test_a_mirrored_object_morphs_as_its_applied_twin(balls, which):
+    for number in which:
+        balls[number].matrix_world = MIRROR
+    report, points = made(morph())
+    assert not [words for words in report["warnings"] if "inward" in words]
+    for number in which:
+        apply(balls[number])
+    other, twin = made(morph(new_result=True))
+    assert report["warnings"] == other["warnings"]
+    assert points.keys() == twin.keys()
+    for name in ("Basis", "Morph", "source_normal", "target_normal", "landing", "source_row"):
+        np.testing.assert_allclose(points[name], twin[name], atol=1e-6, err_msg=name)
+
+
+def test_a_mirrored_parent_counts_as_well(balls):
+    parent = bpy.data.objects.new("Parent", None)
+    bpy.context.scene.collection.objects.link(parent)
+    parent.scale = (1, -1, 1)
+    balls[0].parent = parent
+    bpy.context.view_layer.update()
+    report, _ = made(morph())
+    assert not [words for words in report["warnings"] if "inward" in words]
+
+
+def test_faces_that_point_inward_are_told_of_on_a_mirrored_object(balls):
+    balls[0].data.flip_normals()
+    balls[0].matrix_world = MIRROR
+    report, _ = made(morph())
+    assert "The faces of Hill pointed inward: they were reversed." in report["warnings"]
+
+
+def test_its_points_are_computed_again_from_themselves(settings):
+    """They hold the faces as they were morphed."""
+    source, target = pair()
+    source.matrix_world = MIRROR
+    target.matrix_world = MIRROR
+    obj = morph()
+    before = content(obj)
+    bpy.data.objects.remove(source)
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert_same(content(obj), before)
+
+
+def test_the_source_is_subdivided(balls):
+    source, _ = balls
+    source.matrix_world = MIRROR
+    shown = morph()
+    before = len(source.data.vertices)
+    select(shown)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert len(source.data.vertices) > before
+    # All faces still show their outside: the volume is that of the form.
+    found = bmesh.new()
+    found.from_mesh(source.data)
+    assert found.calc_volume(signed=True) > 1
+    assert all(edge.is_contiguous for edge in found.edges)
+    found.free()
+    assert shown.pointmorph.state == "CURRENT"
+
+
+def test_normal_maps_mean_the_same(addon):
+    """What goes along V on a mesh is seen to go along V where the mesh is mirrored."""
+    tangents, transforms = addon("core.tangents"), addon("core.transforms")
+    positions = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]], np.float32)
+    uvs = np.array([[0, 0], [1, 0], [0.3, 1]])
+    matrix = np.diag([-1.0, 1, 1, 1])
+    corners = np.array([[0, 1, 2]])
+    found = []
+    for moved in (np.eye(4), matrix):
+        triangles = transforms.move_faces(moved, corners)
+        places = transforms.move_positions(moved, positions)
+        normals = np.tile([0.0, 0, 1], (1, 3, 1))
+        frames = tangents.frames_of_corners(places, triangles, normals, uvs[triangles])
+        found.append(np.array(frames.at(np.array([0]), np.full((1, 3), 1 / 3)))[:, 0])
+    np.testing.assert_allclose(found[1], found[0] @ matrix[:3, :3], atol=1e-6)
