@@ -248,6 +248,65 @@ def _kind(name, shapes, groups, chains):
     return "CURVE" if all(chains) and any(whole) else "REGION"
 
 
+def is_doubled(marks):
+    """Whether modifiers may have doubled or spread one mark: no vertex of it is the heaviest.
+
+    Parameters
+    ----------
+    marks : (rows, weights)
+    """
+    _, weights = marks
+    return len(weights) > 1 and int((weights == weights.max()).sum()) > 1
+
+
+def meant(own, own_edges, shown, edges):
+    """What a feature is on an object as modifiers show it: Mirror doubles a point or a path, which
+    is one all the same, that of the object's own vertices.
+
+    Parameters
+    ----------
+    own, shown : (rows, weights)
+        Of the feature: on the object itself, and with modifiers.
+    own_edges, edges : (E, 2) arrays
+        The same of edges. The object's own vertices come before those that modifiers add.
+
+    Returns
+    -------
+    (rows, weights)
+    """
+    rows, weights = shown
+    own_rows = own[0][own[1] > 0]
+    if len(own_rows) == 1 and len(rows) > 1:
+        best = [int(weights.argmax())]
+        return rows[best], own[1][own[1] > 0]
+    is_path = len(own_rows) > 1 and _chain_of(own_rows, own[1][own[1] > 0], own_edges) is not None
+    if not is_path or _chain_of(*shown, edges) is not None:
+        return shown
+    full = weights > _FULL
+    for rows, weights in (shown, (rows[full], weights[full])):
+        part = _joined_to_first(rows, edges)
+        if chain(rows[part], edges) is not None:
+            return rows[part], weights[part]
+    return shown
+
+
+def _joined_to_first(rows, edges):
+    """(K,) array of bool: which of some points edges among them join to the first in the object."""
+    number = {int(row): k for k, row in enumerate(rows)}
+    beside = [[] for _ in rows]
+    for a, b in edges[np.isin(edges, rows).all(axis=1)].tolist():
+        beside[number[a]].append(number[b])
+        beside[number[b]].append(number[a])
+    found = np.zeros(len(rows), bool)
+    ahead = [int(np.argmin(rows))] if len(rows) else []
+    while ahead:
+        one = ahead.pop()
+        if not found[one]:
+            found[one] = True
+            ahead += beside[one]
+    return found
+
+
 def _chain_of(rows, weights, edges):
     """The group as a path, or else those of full weight: a modifier that subdivides spreads a path
     over its surroundings."""

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from ..core.features import PREFIX
+from ..core.features import PREFIX, meant
 from ..data import arrays, creation
 from ..data.feature_list import feature_groups
 from . import morph_builder, morph_object, shape_reader
@@ -391,15 +391,19 @@ def _copy(obj, mesh, created):
 
 
 def _keep_points(obj, copy):
-    """A feature of one vertex is one on the copy, too, where modifiers mirror or spread it."""
+    """A feature of one vertex is one on the copy, too, where modifiers mirror or spread it; a path
+    that they mirror is one path."""
     groups = {index: index for index in feature_groups(obj)}
     marked, spread = (arrays.vertex_groups(one.data, groups) for one in (obj, copy))
-    for index, (_, weights) in marked.items():
-        rows, shares = spread[index]
-        if (weights > 0).sum() == 1 and len(rows) > 1:
+    edges = [arrays.mesh_edges(one.data) for one in (obj, copy)]
+    for index, own in marked.items():
+        rows = spread[index][0]
+        kept = meant(own, edges[0], spread[index], edges[1])
+        if len(kept[0]) < len(rows):
             group = copy.vertex_groups[index]
             group.remove(rows.tolist())
-            group.add([int(rows[shares.argmax()])], float(weights.max()), "REPLACE")
+            for row, weight in zip(*kept, strict=True):
+                group.add([int(row)], float(weight), "REPLACE")
 
 
 def _remove_modifiers(copy):

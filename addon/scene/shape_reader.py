@@ -5,7 +5,7 @@ import pointmorph
 
 from ..core import transforms
 from ..core.computation import Shape
-from ..core.features import PREFIX, Marks
+from ..core.features import PREFIX, Marks, is_doubled, meant
 from ..core.stepping import finish
 from ..data import arrays, masks
 from ..data.feature_list import feature_groups
@@ -173,6 +173,8 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, chosen):
     edges = arrays.mesh_edges(mesh)
     yield
     marks, kept = yield from masks.read_steps(mesh, groups, chosen)
+    if mesh != obj.data:
+        marks = _meant(obj, marks, edges)
     return Shape(
         name=obj.name,
         positions=positions,
@@ -184,6 +186,19 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, chosen):
         skin=skin,
         **{kind: masks.mask(len(positions), *found) for kind, found in kept.items()},
     )
+
+
+def _meant(obj, marks, edges):
+    """The features of a mesh that modifiers have changed, without what they have doubled."""
+    doubled = {name for name, found in marks.items() if is_doubled(found)}
+    groups = {index: name for index, name in feature_groups(obj).items() if name in doubled}
+    if not groups:
+        return marks
+    own_edges = arrays.mesh_edges(obj.data)
+    return marks | {
+        name: meant(own, own_edges, marks[name], edges)
+        for name, own in arrays.vertex_groups(obj.data, groups).items()
+    }
 
 
 def _read_cloud(obj, cloud):

@@ -15,6 +15,7 @@ from scenes import (
     listed,
     mark,
     morph,
+    move_vertices,
     pair,
 )
 
@@ -229,6 +230,56 @@ def test_a_subdivided_target_keeps_points_and_curves(sheets):
     assert (rim.kind, rim.closed) == ("curve", True)
     assert len(rim.target) == 2 * len(ring(19, 3, 7))
     assert features["spot"].kind == "region"
+
+
+@pytest.mark.parametrize("kind", ["MIRROR", "ARRAY"])
+@pytest.mark.parametrize("also_subdivided", [False, True])
+@pytest.mark.parametrize("side", [0, 1])
+def test_what_a_modifier_doubles_is_marked_once(sheets, kind, also_subdivided, side):
+    """The own vertices count; those that it adds are there all the same."""
+    sheets("ridge", rows_of(24, 0.5), rows_of(19, 0.5))
+    sheets("rim", ring(24, 4, 9), ring(19, 3, 7))
+    obj = picked()[side]
+    own = len(obj.data.vertices)
+    move_vertices(obj, (1.5, 0, 0))
+    obj.modifiers.new("Twice", kind)
+    if also_subdivided:
+        obj.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    features = read_all()
+    for name in ("peak", "slope"):
+        row = features[name][side]
+        assert row in groups(obj)[f"pm.{name}"]
+    for name, closed in (("ridge", False), ("rim", True)):
+        assert (features[name].kind, features[name].closed) == ("curve", closed)
+        if not also_subdivided:
+            assert set(features[name].rows(side)) == set(groups(obj)[f"pm.{name}"])
+    shown = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert len(shown.vertices) >= 2 * own
+
+
+def test_a_mirrored_target_is_morphed_as_a_whole(settings):
+    _, target = pair()
+    settings.domain = "auto"
+    move_vertices(target, (1.5, 0, 0))
+    target.modifiers.new("Twice", "MIRROR")
+    obj = morph()
+    ends = coordinates(obj.data.shape_keys.key_blocks["Morph"].data)
+    assert ends[:, 0].min() < -2 < 2 < ends[:, 0].max()
+    assert obj.pointmorph.state == "CURRENT"
+
+
+def test_mirror_marks_the_other_side(sheets):
+    """A feature with a side is marked on the other half by the modifier itself."""
+    sheets("ear.L", [300], [200])
+    source, target = picked()
+    add_group(source, "pm.ear.R", {100: 1.0})
+    target.vertex_groups.new(name="pm.ear.R")
+    move_vertices(target, (1.5, 0, 0))
+    own = len(target.data.vertices)
+    target.modifiers.new("Twice", "MIRROR")
+    features = read_all()
+    assert features["ear.L"] == (300, 200)
+    assert features["ear.R"] == (100, own + 200)
 
 
 def test_a_light_vertex_is_a_soft_point(sheets):
