@@ -283,10 +283,10 @@ def meant(own, own_edges, shown, edges):
     if not is_path or _chain_of(*shown, edges) is not None:
         return shown
     full = weights > _FULL
-    for rows, weights in (shown, (rows[full], weights[full])):
-        part = _joined_to_first(rows, edges)
-        if chain(rows[part], edges) is not None:
-            return rows[part], weights[part]
+    for members, shares in (shown, (rows[full], weights[full])):
+        part = _joined_to_first(members, edges)
+        if chain(members[part], edges) is not None:
+            return members[part], shares[part]
     return shown
 
 

@@ -19,6 +19,7 @@ from ..scene import (
     frame_files,
     frame_player,
     morph_paths,
+    own_points,
     placement,
     presentation,
     recipes,
@@ -95,8 +96,8 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
                 changed = shape_key_bakes.bake_source(context, obj, self.steps, path)
                 presentation.show_shapes(context, obj, True)
             else:
-                shape_key_bakes.bake_pairs(context, obj, self.steps, path)
-                changed = obj
+                changed = own_points.of_active(context, obj)
+                shape_key_bakes.bake_pairs(context, changed, self.steps, path)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         note_done(self)
@@ -173,7 +174,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         return plan, target
 
     def _begin_steps(self, context):
-        obj = active_result(context)
+        obj = own_points.of_active(context, active_result(context))
         placement.settle(context, obj)
         self._name, self._matrix = obj.name, obj.matrix_world.copy()
         self._baked = reference_to(obj)

@@ -12,6 +12,7 @@ from ..scene import (
     attribute_transfer,
     morph_object,
     morphing_mesh,
+    own_points,
     placement,
     presentation,
     recipes,
@@ -160,7 +161,8 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
 
     def execute(self, context):
         try:
-            seen = presentation.show_as(context, active_result(context), self.kind)
+            obj = own_points.of_active(context, active_result(context))
+            seen = presentation.show_as(context, obj, self.kind)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         context.scene.pointmorph.show_as = self.kind

@@ -7,7 +7,14 @@ import pointmorph
 from ..core import transforms
 from ..data import attribute_names
 from ..data.registration import Registration
-from ..scene import morph_object, placement, points_display, presentation, recipes
+from ..scene import (
+    morph_object,
+    own_points,
+    placement,
+    points_display,
+    presentation,
+    recipes,
+)
 from .polls import NO_RESULT, Explained, active_result, fail
 
 
@@ -26,7 +33,10 @@ class _Shows(Explained):
         return None
 
     def execute(self, context):
-        obj = active_result(context)
+        try:
+            obj = own_points.of_active(context, active_result(context))
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
         on = not points_display.shows(obj, self.attribute)
         if not any(points_display.shows(obj, attribute) for attribute in points_display.SHOW):
             obj.pointmorph.shading_before = ""
@@ -127,11 +137,15 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
             return {"CANCELLED"}
         placement.give_back(*morph_object.made_with(obj))
         place = places[min(self.index, len(places) - 1)]
+        active = context.view_layer.objects.active
+        is_beside = morph_object.is_beside(active, obj)
+        shown = active if is_beside else morph_object.shown_of(obj)
         if self.kind == "MESH":
             position = np.array(place["position"])
         else:
-            position = morph_object.position_of(obj, place["source"])
-        location = transforms.apply(placement.frame_seen(obj), position[None])[0]
+            position = morph_object.position_of(obj, place["source"], shown)
+        frame = placement.frame_of(active) if is_beside else placement.frame_seen(obj)
+        location = transforms.apply(frame, position[None])[0]
         context.scene.cursor.location = location
         self.report({"INFO"}, recipes.present_words(obj, place["advice"]))
         return {"FINISHED"}

@@ -57,6 +57,13 @@ def made_with(obj):
     return [obj, *(one for one in bpy.data.objects if one.pointmorph.made_from == obj)]
 
 
+def is_beside(mesh, obj):
+    """Whether a mesh was made from a morph object that another one shows: a duplicate, or one more
+    mesh of the source."""
+    is_mesh = is_made(mesh) and mesh.pointmorph.made_from == obj
+    return is_mesh and shown_of(obj) not in (obj, mesh)
+
+
 def morph_key(obj):
     """The shape key of a morph object that makes it the target."""
     keys = obj.data.shape_keys
@@ -158,9 +165,10 @@ def positions_at(obj, t):
     return straight + curve * path_display.deviation_at(obj.data, number, share)
 
 
-def position_of(obj, source_row):
-    """(3,): where a morph object has a row of the source at the present value of its key."""
-    value = t_key(shown_of(obj)).value
+def position_of(obj, source_row, shown):
+    """(3,): where a morph object has a row of the source at the present value of the slider of
+    `shown`, which is one of `made_with`."""
+    value = t_key(shown).value
     rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
     if not rows.size:
         raise pointmorph.CloudError(

@@ -28,7 +28,7 @@ _MANY = 200_000
 """Pairs above which discs are too slow to be shown unasked: 0.08 s a frame on one core in
 Blender 4.2."""
 
-_OF_POINTS = " Points"
+OF_POINTS = " Points"
 """What follows the name of a morph object whose mesh has that name."""
 
 
@@ -214,9 +214,9 @@ def _put_in_place(context, obj, mesh):
     placement.put_mesh(mesh, obj)
     slider_keys.hand_over(obj, mesh)
     name = obj.name
-    if not morph_object.stage_names(obj)[-1].endswith(_OF_POINTS):
-        name = name.removesuffix(_OF_POINTS)  # of a mesh that was deleted
-    obj.name = obj.data.name = f"{name}{_OF_POINTS}"
+    if not morph_object.stage_names(obj)[-1].endswith(OF_POINTS):
+        name = name.removesuffix(OF_POINTS)  # of a mesh that was deleted
+    obj.name = obj.data.name = f"{name}{OF_POINTS}"
     mesh.name = mesh.data.name = name
     obj.pointmorph.mesh = mesh
     slider_keys.follow(obj, mesh)

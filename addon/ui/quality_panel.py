@@ -8,7 +8,7 @@ from ..core import quality_words
 from ..data import attribute_names
 from ..data.registration import Registration
 from ..operators import polls
-from ..scene import points_display, recipes
+from ..scene import morph_object, points_display, recipes
 from .panel import Panel, draw_subdivide, explained, has_points, say
 
 _ICONS = ("COLORSET_04_VEC", "COLORSET_09_VEC", "COLORSET_01_VEC")  # blue, yellow, red
@@ -59,7 +59,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
     def draw(self, context):
         layout = self.layout
         obj = polls.active_result(context)
-        _draw_colors(layout, obj)
+        _draw_colors(layout, context, obj)
         report = recipes.report_of(obj)
         if report is None:
             return
@@ -78,11 +78,12 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             _draw_figure(box, name, value, quality_words.OF_FEATURES)
 
 
-def _draw_colors(layout, obj):
+def _draw_colors(layout, context, obj):
     """The buttons that color the points, and what the colors mean."""
     buttons = layout.column(align=True)
     for attribute, words in _LEGENDS.items():
-        shown = points_display.shows(obj, attribute)
+        is_beside = morph_object.is_beside(context.view_layer.objects.active, obj)
+        shown = not is_beside and points_display.shows(obj, attribute)
         buttons.operator(f"pointmorph.show_{attribute}", icon="COLOR", depress=shown)
         if shown:
             row = layout.row()

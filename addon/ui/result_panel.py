@@ -51,7 +51,8 @@ def draw_shown_as(layout, context, obj):
     points = _points_of(obj)
     row = layout.row(align=True)
     if points is not None:
-        now = presentation.kind_of(points)
+        is_beside = morph_object.is_beside(obj, points)
+        now = presentation.MESH if is_beside else presentation.kind_of(points)
         kinds = ["POINTS", "DISCS"]
         if now == presentation.MESH or presentation.has_faces(points):
             kinds.insert(0, "MESH")
