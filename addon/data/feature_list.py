@@ -71,7 +71,7 @@ def keep_choice(feature):
     settings = feature.id_data.pointmorph
     name = feature.marked_name
     for obj in (settings.source, settings.target):
-        if obj is None or not obj.is_editable or name not in feature_names(obj):
+        if not _can_keep(obj) or name not in feature_names(obj):
             continue
         choices = obj.pointmorph.choices
         kept = choices.get(name)
@@ -82,8 +82,16 @@ def keep_choice(feature):
             _set(kept, chosen, getattr(feature, chosen))
 
 
+def _can_keep(obj):
+    """Whether something can be stored with an object; library overrides have no lists of their
+    own."""
+    return obj is not None and obj.is_editable and obj.override_library is None
+
+
 def rename_choice(obj, old, new):
     """Has what is stored for a feature follow its name."""
+    if not _can_keep(obj):
+        return
     drop_choice(obj, new)
     kept = obj.pointmorph.choices.get(old)
     if kept is not None:
@@ -92,7 +100,7 @@ def rename_choice(obj, old, new):
 
 def drop_choice(obj, name):
     """Forgets what is stored for a feature."""
-    if obj is not None and obj.is_editable:
+    if _can_keep(obj):
         index = obj.pointmorph.choices.find(name)
         if index >= 0:
             obj.pointmorph.choices.remove(index)

@@ -57,6 +57,18 @@ def made_with(obj):
     return [obj, *(one for one in bpy.data.objects if one.pointmorph.made_from == obj)]
 
 
+def is_edited(obj):
+    """Whether a morph object has more or fewer vertices than it was made with: something was joined
+    to it or separated from it, say."""
+    recipe = recipes.recipe_of(obj)
+    if "points" not in recipe or obj.mode == "EDIT":
+        return False
+    if obj.pointmorph.keeps_faces:
+        return len(obj.data.vertices) != recipe["points"][0]
+    report = recipes.report_of(obj) or {}
+    return report.get("pairs", len(obj.data.vertices)) != len(obj.data.vertices)
+
+
 def is_beside(mesh, obj):
     """Whether a mesh was made from a morph object that another one shows: a duplicate, or one more
     mesh of the source."""

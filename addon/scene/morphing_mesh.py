@@ -186,6 +186,8 @@ def remake(context, obj, plan, outcome):
             if copy.pointmorph.made_from == obj and is_copy(copy):
                 try:
                     _check_mode(copy)
+                    if obj.pointmorph.mesh != copy:
+                        _check_whole(copy)
                     said += remake_mesh(copy, obj)
                     if obj.pointmorph.mesh == copy:
                         stagger.follow(obj, copy)  # an earlier version didn't
@@ -224,6 +226,16 @@ def _check_mode(copy):
             raise pointmorph.CloudError(
                 user.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
             )
+
+
+def _check_whole(copy):
+    if morph_object.is_edited(copy):
+        raise pointmorph.CloudError(
+            copy.name,
+            "the vertices that it was made with",
+            "others, as after joining or separating",
+            "Undo that, or convert it to a mesh (Object > Convert > Mesh).",
+        )
 
 
 def _lost_groups(copy, source):

@@ -1,5 +1,7 @@
 """What a morph object remembers, as `object.pointmorph`."""
 
+import threading
+
 import bpy
 
 from ..data.properties import PointmorphChoice, PointmorphShape
@@ -10,12 +12,18 @@ from .staleness import state
 _SECONDS = 2  # from key to key, until somebody says otherwise
 
 
+def _is_asked():
+    """Whether it isn't Blender that compares library overrides, on other threads, where looking at
+    the scene ends it."""
+    return threading.current_thread() is threading.main_thread()
+
+
 def _state(self):
-    return state(self.id_data)[0]
+    return state(self.id_data)[0] if _is_asked() else ""
 
 
 def _stale(self):
-    return "; ".join(state(self.id_data)[1])
+    return "; ".join(state(self.id_data)[1]) if _is_asked() else ""
 
 
 def _key_start(self):

@@ -1,4 +1,4 @@
-"""Points of its own for a mesh that shows a morph as well: a duplicate, or another one that was made
+"""Points of its own for a mesh that shows a morph as well: a duplicate, or one more that was made
 from the same points."""
 
 from ..data import creation

@@ -73,6 +73,8 @@ def state(obj, prints=None):
         return ORPHAN, list(recipes.gone_words(obj).values())
     prints = fingerprints(obj) if prints is None else prints
     reasons = []
+    if morph_object.is_edited(obj):
+        reasons.append(f'"{obj.name}" has other vertices than it was made with')
     if applied.matrix_of(obj) is not None:
         reasons.append(f'transforms were applied to "{obj.name}"')
     for known, now in zip(recipe["shapes"], prints, strict=True):
