@@ -44,6 +44,13 @@ def path_choice(description):
     )
 
 
+def _listed(names):
+    """Names in words: all of a few, else the first, the last and how many there are."""
+    if len(names) > 3:
+        return f'"{names[0]}" to "{names[-1]}", {len(names)} in all'
+    return ", ".join(f'"{name}"' for name in names)
+
+
 class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
     """Add the morph as shape keys. Existing keys are kept"""
 
@@ -93,15 +100,15 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         placement.give_back(obj)
         try:
             if self.kind == "SOURCE":
-                changed = shape_key_bakes.bake_source(context, obj, self.steps, path)
+                changed, names = shape_key_bakes.bake_source(context, obj, self.steps, path)
                 presentation.show_shapes(context, obj, True)
             else:
                 changed = own_points.of_active(context, obj)
-                shape_key_bakes.bake_pairs(context, changed, self.steps, path)
+                names = shape_key_bakes.bake_pairs(context, changed, self.steps, path)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         note_done(self)
-        said = f'Shape keys added to "{changed.name}": {self.steps}'
+        said = f'Shape keys added to "{changed.name}": {_listed(names)}'
         original = recipes.original_of(changed)
         if original != changed:
             presentation.set_visible(context, original, False)

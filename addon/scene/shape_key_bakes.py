@@ -28,6 +28,11 @@ def bake_pairs(context, obj, steps, path):
     """Adds `steps` shape keys to the morph object itself, from the source to the target.
 
     `path` is the library's setting of that name.
+
+    Returns
+    -------
+    list of str
+        Names of the keys.
     """
     _check_at_rest(obj)
     timing = stagger.timing_of(context, obj)
@@ -37,6 +42,7 @@ def bake_pairs(context, obj, steps, path):
     # All points are at each shape at once, staggered or not.
     baked.update({name: [t, path, timing is not None and t % 1 != 0] for name, t in names.items()})
     obj.pointmorph.baked = json.dumps(baked)
+    return list(names)
 
 
 def bake_source(context, obj, steps, path):
@@ -47,6 +53,8 @@ def bake_source(context, obj, steps, path):
     -------
     Object
         The source.
+    list of str
+        Names of the keys.
 
     Raises
     ------
@@ -69,13 +77,13 @@ def bake_source(context, obj, steps, path):
         timing = timing.by_row(morph_object.stage_rows(obj)[0])
     faces = arrays.mesh_triangles(source.data)
     way = morph_paths.through(places, normals, _meant(obj, path), faces, timing)
-    _add_keys(
+    names = _add_keys(
         source,
         lambda t: transforms.move_positions(back, way(t)),
         steps,
         morph_object.stage_names(obj)[1:],
     )
-    return source
+    return source, list(names)
 
 
 def _add_keys(obj, positions_at, steps, names):

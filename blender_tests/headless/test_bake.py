@@ -168,6 +168,26 @@ def test_a_second_bake_adds_to_the_first(morphed):
     assert names(source) == ["Basis", "Dune", "Dune.001"]
 
 
+def test_keys_that_have_its_name_already_stay_as_they_are(settings, capfd):
+    """Those that are baked get a number, and the user is told their names."""
+    source, _ = pair()
+    source.shape_key_add(name="Basis")
+    own = source.shape_key_add(name="Dune")
+    own.value = 0.0
+    own.data[0].co.z += 1
+    before = key(source, "Dune")
+    select(morph())
+    bake(steps=4)
+    expected = ["Dune 25 %", "Dune 50 %", "Dune 75 %", "Dune.001"]
+    assert names(source) == ["Basis", "Dune", *expected]
+    np.testing.assert_array_equal(key(source, "Dune"), before)
+    said = 'Shape keys added to "Hill": "Dune 25 %" to "Dune.001", 4 in all'
+    assert said in capfd.readouterr().out
+    bake(steps=1)
+    assert 'Shape keys added to "Hill": "Dune.002"' in capfd.readouterr().out
+    np.testing.assert_array_equal(key(source, "Dune"), before)
+
+
 def test_groups_materials_and_modifiers_stay(settings):
     source, _ = pair()
     source.data.materials.append(bpy.data.materials.new("Stone"))
@@ -308,7 +328,8 @@ def test_keys_on_hidden_points_are_told_of(settings, capfd):
     shown = morph()
     bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=2)
     said = capfd.readouterr().out
-    assert 'Shape keys added to "Hill to Dune Points": 2. It is hidden while the mesh' in said
+    added = 'Shape keys added to "Hill to Dune Points": "Dune 50 %", "Dune"'
+    assert f"{added}. It is hidden while the mesh" in said
     assert "press Points in the Result panel" in said
     bpy.ops.pointmorph.show_as(kind="POINTS")
     bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=1)
