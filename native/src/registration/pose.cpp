@@ -504,10 +504,18 @@ Pose rated(const CoarsePair& shapes, std::vector<Candidate> maps,
     return pose;
 }
 
-double least_misfit(const std::vector<Candidate>& maps) {
+double least_disparity(const std::vector<Candidate>& maps) {
     double least = std::numeric_limits<double>::infinity();
-    for (const Candidate& map : maps) least = std::min(least, map.misfit.energy());
+    for (const Candidate& map : maps) least = std::min(least, map.misfit.energy() * map.unlikeness);
     return least;
+}
+
+/// Whether the finest maps show that the shapes have much less in common than trials did, whose
+/// misfits fall less between such shapes: other trials would have been taken to their end.
+bool are_less_alike(const PoseSearch& search, const Finals& finals) {
+    constexpr double kMuch = 0.1;
+    const double added = added_for_turning(search.options, least_disparity(finals.finished));
+    return added > search.unlike + kMuch;
 }
 
 /// Extremities of a thinned shape as coarse rows.
@@ -538,9 +546,9 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     });
     auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
-    keep_unlike_as_given(search, least_misfit(search, trials), trials, {});
-    if (search.unlike > 0.0)
-        in_part(progress, 0.4, 0.42, [&] { try_as_given(search, trials, progress); });
+    keep_unlike_as_given(search, least_disparity(search, trials), trials, {});
+    const bool has_tried = search.unlike > 0.0;
+    if (has_tried) in_part(progress, 0.4, 0.42, [&] { try_as_given(search, trials, progress); });
     std::vector<ExtremityMatches> tried;
     Finals so_far;
     const auto vary = [&](const PoseEffort& effort, Index rounds, double first, double last) {
@@ -558,7 +566,14 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     vary(options.effort, plain, 0.42, 0.5);
     count_likeness(search, trials);
     vary(options.effort, rounds - plain, 0.5, 0.65);
-    finish(options.effort, 0.65, 0.8);
+    finish(options.effort, 0.65, 0.75);
+    if (are_less_alike(search, so_far)) {
+        keep_unlike_as_given(search, least_disparity(so_far.finished), trials, {});
+        if (!has_tried)
+            in_part(progress, 0.75, 0.76, [&] { try_as_given(search, trials, progress); });
+        so_far = {};
+        finish(options.effort, 0.76, 0.8);
+    }
     if (looks_wrong(search, so_far.finished.front())) {
         vary(options.second_effort, options.second_effort.rounds, 0.8, 0.95);
         finish(options.second_effort, 0.95, 1.0);
@@ -566,7 +581,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
     add_rolled(search, finals);
-    keep_unlike_as_given(search, least_misfit(finals), trials, finals);
+    keep_unlike_as_given(search, least_disparity(finals), trials, finals);
     const std::vector<NodeImages> tried_images = node_images(trials);
     Alternatives alternatives = alternatives_to_first(shapes, finals, tried_images);
     keep_distinct(finals, options.distinct);

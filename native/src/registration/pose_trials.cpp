@@ -99,12 +99,15 @@ double dearer_by_turning(const PoseSearch& search, const Map& map) {
     return dearer_by_turning(search.options, search.unlike, turning(search, map));
 }
 
-/// A trial at its end, whose energy has been all but for likeness so far.
-Trial with_likeness(const PoseSearch& search, Trial trial) {
-    if (!search.counts_likeness) return trial;
+double dearer_by_unlikeness(const PoseSearch& search, const Trial& trial) {
     const Registration& its = trial.registration;
     const Positions images = trial.alignment.inverse().apply(its.source_points.positions);
-    trial.energy *= dearer_by_unlikeness(search, {search, images, its.target_points.positions});
+    return dearer_by_unlikeness(search, {search, images, its.target_points.positions});
+}
+
+/// A trial at its end, whose energy has been all but for likeness so far.
+Trial with_likeness(const PoseSearch& search, Trial trial) {
+    if (search.counts_likeness) trial.energy *= dearer_by_unlikeness(search, trial);
     return trial;
 }
 
@@ -312,7 +315,10 @@ void rate(const PoseSearch& search, Candidate& map) {
                         of_target = gather(its.target_points.positions, search.target.full_rows);
         const BothImages images(search, of_source, of_target);
         map.energy *= dearer_by_asymmetry(search, images);
-        if (search.counts_likeness) map.energy *= dearer_by_unlikeness(search, images);
+        if (search.counts_likeness) {
+            map.unlikeness = dearer_by_unlikeness(search, images);
+            map.energy *= map.unlikeness;
+        }
     }
     map.torn = torn_share(shapes, its, search.registration, silent);
     map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
@@ -423,21 +429,28 @@ void count_likeness(PoseSearch& search, std::vector<Trial>& trials) {
     std::ranges::stable_sort(trials, {}, &Trial::energy);
 }
 
-double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials) {
+double least_disparity(const PoseSearch& search, const std::vector<Trial>& trials) {
     constexpr double kFinest = 1.0 / 2.3;  // what is left of a trial's at the finest level
+    const bool has_forms = search.source.forms.rows() > 0 && search.target.forms.rows() > 0;
     double least = std::numeric_limits<double>::infinity();
-    for (const Trial& trial : trials)
-        least = std::min(least, trial.energy / dearer_by_turning(search, trial));
-    return kFinest * least;
+    for (const Trial& trial : trials) {
+        const double misfit = kFinest * trial.energy / dearer_by_turning(search, trial);
+        least = std::min(least, has_forms ? misfit * dearer_by_unlikeness(search, trial) : misfit);
+    }
+    return least;
 }
 
-void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
+double added_for_turning(const PoseOptions& options, double disparity) {
+    constexpr double kMost = 10.0;  // nothing is turned then
+    const double ratio = disparity > options.alike ? disparity / options.alike : 1.0;
+    const double squared = std::min(ratio * ratio, kMost);
+    return options.unlike * (squared - 1.0) * squared * squared * squared;
+}
+
+void keep_unlike_as_given(PoseSearch& search, double disparity, std::vector<Trial>& trials,
                           std::span<Candidate> maps) {
     const PoseOptions& options = search.options;
-    constexpr double kMost = 10.0;  // nothing is turned then
-    const double ratio = misfit > options.alike ? misfit / options.alike : 1.0;
-    const double squared = std::min(ratio * ratio, kMost);
-    const double unlike = options.unlike * (squared - 1.0) * squared * squared * squared;
+    const double unlike = added_for_turning(options, disparity);
     if (unlike == search.unlike) return;
     const auto growth = [&](const auto& map) {
         const double its = turning(search, map);

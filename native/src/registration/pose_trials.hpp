@@ -156,12 +156,16 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
 /// From now on likeness counts: the trials' energies grow by it, and they are sorted anew.
 void count_likeness(PoseSearch& search, std::vector<Trial>& trials);
 
-/// Of trials before likeness counts: what the best map's misfit will be at the finest level, about.
-double least_misfit(const PoseSearch& search, const std::vector<Trial>& trials);
+/// Of trials before likeness counts: what the least product of misfit and Candidate::unlikeness
+/// will be at the finest level, about.
+double least_disparity(const PoseSearch& search, const std::vector<Trial>& trials);
 
-/// From now on turning costs as much as it does between shapes whose best map has this misfit: the
+/// What is added to PoseOptions::as_given between shapes of this disparity.
+double added_for_turning(const PoseOptions& options, double disparity);
+
+/// From now on turning costs as much as it does between shapes of this disparity: the
 /// energies of trials and of maps, the best first, change by it, and both are sorted anew.
-void keep_unlike_as_given(PoseSearch& search, double misfit, std::vector<Trial>& trials,
+void keep_unlike_as_given(PoseSearch& search, double disparity, std::vector<Trial>& trials,
                           std::span<Candidate> maps);
 
 /// All of them registered for longer; what is distinct, sorted.

@@ -329,6 +329,7 @@ TEST(Pose, ACubeOnABallIsNoCoinTossAsItWasGiven) {
     EXPECT_GT(pose_between(ball, coarse_of_cloud(cube, normals)).confidence, 0.8);
     PoseOptions without;
     without.as_given = 1.0;
+    without.unlike = 0.0;
     Progress progress;
     EXPECT_LT(find_pose({ball, coarse_of_cloud(cube, normals)}, without, {}, progress).confidence,
               0.4);

@@ -71,9 +71,9 @@ struct PoseOptions {
     double as_given = 1.2;
     double as_given_angle = 1.0;
     /// The less two shapes have in common, the less their fit says of how they belong together:
-    /// where the least misfit at the finest level is r times `alike`, above 0, and more than that,
-    /// `unlike` · (r² − 1) · r⁶ is added to that factor.
-    double alike = 0.035;
+    /// where the least product of misfit and Candidate::unlikeness at the finest level is r times
+    /// `alike`, above 0, and more than that, `unlike` · (r² − 1) · r⁶ is added to that factor.
+    double alike = 0.03;
     double unlike = 0.4;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{.stiff_rounds = 2,
@@ -112,6 +112,7 @@ struct Candidate {
     Similarity alignment;       ///< rotates and moves the target to where the registration has it
     Registration registration;  ///< of the finest level, for the target so moved
     Misfit misfit{};
+    double unlikeness = 1.0;  ///< the factor of the energy that says how unlike what it maps is
     /// That of the misfit · (1 + SymmetryOptions::weight · asymmetry) · (.1 + unlikeness) to the
     /// power of PoseOptions::likeness · what turning the target costs, PoseOptions::as_given
     double energy = 0.0;
