@@ -1,9 +1,13 @@
 // What compilers don't agree on. No other file asks for one.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <limits>
 
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
 #include <immintrin.h>
@@ -143,6 +147,13 @@ using EightFloats = float;
 
 /// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(). Not on Windows:
 /// what GCC spills there to the stack isn't aligned as wide registers need it (its bug 54412).
+/// Sums of products, of `kFactors` numbers of a row each with one of a column: row_starts[r] +
+/// column_starts[c] + Σ factors[kFactors r + k] · columns[stride k + c].
+struct ProductSums {
+    const float *factors, *row_starts, *columns, *column_starts;
+    std::size_t stride;  ///< number of columns, a multiple of 32
+};
+
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
 #define POINTMORPH_WIDE __attribute__((target("avx2")))
 inline bool has_wide_registers() {
@@ -228,10 +239,130 @@ POINTMORPH_WIDE inline bool put_units_wide(const float* rows, float least, float
     }
     return are_longer == 0xff;
 }
+#define POINTMORPH_FUSED __attribute__((target("avx2,fma")))
+#define POINTMORPH_WIDEST __attribute__((target("avx512f")))
+inline bool has_fused_products() {
+    return has_wide_registers() && __builtin_cpu_supports("fma");
+}
+inline bool has_widest_registers() {
+    return __builtin_cpu_supports("avx512f");
+}
+/// Writes the sums of four rows, one row after the other, and the least of each row. Products
+/// aren't rounded before they are added, so that last digits differ from those of other versions.
+template <std::size_t kFactors>
+POINTMORPH_FUSED void sum_products_of_four(const ProductSums& p, float* POINTMORPH_RESTRICT sums,
+                                           float* POINTMORPH_RESTRICT least) {
+    constexpr std::size_t kRows = 4, kLanes = 8;
+    __m256 low[kRows];
+    for (__m256& its : low) its = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    for (std::size_t at = 0; at < p.stride; at += 2 * kLanes) {
+        __m256 left[kRows], right[kRows];
+        const __m256 a = _mm256_loadu_ps(p.column_starts + at),
+                     b = _mm256_loadu_ps(p.column_starts + at + kLanes);
+#pragma GCC unroll 4
+        for (std::size_t r = 0; r < kRows; ++r) {
+            const __m256 start = _mm256_set1_ps(p.row_starts[r]);
+            left[r] = _mm256_add_ps(a, start);
+            right[r] = _mm256_add_ps(b, start);
+        }
+#pragma GCC unroll 16
+        for (std::size_t k = 0; k < kFactors; ++k) {
+            const __m256 c = _mm256_loadu_ps(p.columns + k * p.stride + at),
+                         d = _mm256_loadu_ps(p.columns + k * p.stride + at + kLanes);
+#pragma GCC unroll 4
+            for (std::size_t r = 0; r < kRows; ++r) {
+                const __m256 factor = _mm256_set1_ps(p.factors[kFactors * r + k]);
+                left[r] = _mm256_fmadd_ps(factor, c, left[r]);
+                right[r] = _mm256_fmadd_ps(factor, d, right[r]);
+            }
+        }
+#pragma GCC unroll 4
+        for (std::size_t r = 0; r < kRows; ++r) {
+            low[r] = _mm256_min_ps(low[r], _mm256_min_ps(left[r], right[r]));
+            _mm256_storeu_ps(sums + r * p.stride + at, left[r]);
+            _mm256_storeu_ps(sums + r * p.stride + at + kLanes, right[r]);
+        }
+    }
+    for (std::size_t r = 0; r < kRows; ++r) {
+        std::array<float, kLanes> each;
+        _mm256_storeu_ps(each.data(), low[r]);
+        least[r] = *std::min_element(each.begin(), each.end());
+    }
+}
+/// The same of eight rows.
+template <std::size_t kFactors>
+POINTMORPH_WIDEST void sum_products_of_eight(const ProductSums& p, float* POINTMORPH_RESTRICT sums,
+                                             float* POINTMORPH_RESTRICT least) {
+    constexpr std::size_t kRows = 8, kLanes = 16;
+    __m512 low[kRows];
+    for (__m512& its : low) its = _mm512_set1_ps(std::numeric_limits<float>::infinity());
+    for (std::size_t at = 0; at < p.stride; at += 2 * kLanes) {
+        __m512 left[kRows], right[kRows];
+        const __m512 a = _mm512_loadu_ps(p.column_starts + at),
+                     b = _mm512_loadu_ps(p.column_starts + at + kLanes);
+#pragma GCC unroll 8
+        for (std::size_t r = 0; r < kRows; ++r) {
+            const __m512 start = _mm512_set1_ps(p.row_starts[r]);
+            left[r] = _mm512_add_ps(a, start);
+            right[r] = _mm512_add_ps(b, start);
+        }
+#pragma GCC unroll 16
+        for (std::size_t k = 0; k < kFactors; ++k) {
+            const __m512 c = _mm512_loadu_ps(p.columns + k * p.stride + at),
+                         d = _mm512_loadu_ps(p.columns + k * p.stride + at + kLanes);
+#pragma GCC unroll 8
+            for (std::size_t r = 0; r < kRows; ++r) {
+                const __m512 factor = _mm512_set1_ps(p.factors[kFactors * r + k]);
+                left[r] = _mm512_fmadd_ps(factor, c, left[r]);
+                right[r] = _mm512_fmadd_ps(factor, d, right[r]);
+            }
+        }
+#pragma GCC unroll 8
+        for (std::size_t r = 0; r < kRows; ++r) {
+            // Of all lanes: without a mask, GCC 12 warns of what is uninitialized in its own
+            // header.
+            low[r] =
+                _mm512_maskz_min_ps(0xffff, low[r], _mm512_maskz_min_ps(0xffff, left[r], right[r]));
+            _mm512_storeu_ps(sums + r * p.stride + at, left[r]);
+            _mm512_storeu_ps(sums + r * p.stride + at + kLanes, right[r]);
+        }
+    }
+    for (std::size_t r = 0; r < kRows; ++r) {
+        std::array<float, kLanes> each;
+        _mm512_storeu_ps(each.data(), low[r]);
+        least[r] = *std::min_element(each.begin(), each.end());
+    }
+}
+/// Which of 32 numbers are no more than `limit` or than a limit of their own, a bit each.
+POINTMORPH_WIDE inline std::uint32_t bits_within_wide(const float* numbers, const float* limits,
+                                                      float limit) {
+    const __m256 of_all = _mm256_set1_ps(limit);
+    std::uint32_t bits = 0;
+#pragma GCC unroll 4
+    for (unsigned k = 0; k < 32; k += 8) {
+        const __m256 most = _mm256_max_ps(_mm256_loadu_ps(limits + k), of_all);
+        const __m256 is_within = _mm256_cmp_ps(_mm256_loadu_ps(numbers + k), most, _CMP_LE_OQ);
+        bits |= std::bit_cast<std::uint32_t>(_mm256_movemask_ps(is_within)) << k;
+    }
+    return bits;
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
     return false;
+}
+inline bool has_fused_products() {
+    return false;
+}
+inline bool has_widest_registers() {
+    return false;
+}
+template <std::size_t>
+void sum_products_of_four(const ProductSums&, float*, float*) {}
+template <std::size_t>
+void sum_products_of_eight(const ProductSums&, float*, float*) {}
+inline std::uint32_t bits_within_wide(const float*, const float*, float) {
+    return 0;
 }
 inline bool put_units_wide(const float*, float, float*, std::size_t) {
     return false;

@@ -323,11 +323,18 @@ std::vector<Index> draw_points(const CoarseShape& shape, const DeformationGraph&
         if (!is_node[to_size(i)]) others.push_back(i);
     const auto more = std::min<std::size_t>(
         others.size(), to_size(std::max<Index>(0, count - to_index(rows.size()))));
-    for (std::size_t i = 0; i < more; ++i)
+    if (more == others.size()) {
+        random.discard(more);  // as if they were drawn
+        rows.insert(rows.end(), others.begin(), others.end());
+        return rows;
+    }
+    std::vector<char> is_drawn(to_size(shape.size()), 0);
+    for (std::size_t i = 0; i < more; ++i) {
         std::swap(others[i], others[i + random() % (others.size() - i)]);
-    const auto end = others.begin() + static_cast<std::ptrdiff_t>(more);
-    std::sort(others.begin(), end);  // as they lie in memory
-    rows.insert(rows.end(), others.begin(), end);
+        is_drawn[to_size(others[i])] = 1;
+    }
+    for (Index i = 0; i < shape.size(); ++i)  // as they lie in memory
+        if (is_drawn[to_size(i)]) rows.push_back(i);
     return rows;
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -16,8 +17,8 @@ namespace pointmorph {
 namespace {
 
 constexpr std::size_t kAxes = ProductPoints::ColsAtCompileTime;
-constexpr std::size_t kStrip = 4;   // sources that are compared at once ...
-constexpr std::size_t kBlock = 16;  // ... with so many targets
+constexpr std::size_t kStrip = 8;   // sources that are compared at once ...
+constexpr std::size_t kBlock = 32;  // ... with so many targets
 constexpr float kFar = std::numeric_limits<float>::infinity();
 
 /// A kd-tree's distance, to the bit.
@@ -100,31 +101,95 @@ struct InFloats {
     }
 };
 
+/// Squared distances of four sources to all targets, and the least of each source.
+void sum_products_plainly(const ProductSums& p, float* sums, float* least) {
+    constexpr std::size_t kRows = 4, kLanes = sizeof(FourFloats) / sizeof(float);
+    std::array<FourFloats, kRows> lowest;
+    for (FourFloats& low : lowest) low = FourFloats{} + kFar;
+    for (std::size_t at = 0; at < p.stride; at += 2 * kLanes) {
+        FourFloats left[kRows], right[kRows], column, next;
+        std::memcpy(&column, p.column_starts + at, sizeof column);
+        std::memcpy(&next, p.column_starts + at + kLanes, sizeof next);
+        for (std::size_t r = 0; r < kRows; ++r) {
+            left[r] = column + p.row_starts[r];
+            right[r] = next + p.row_starts[r];
+        }
+        for (std::size_t k = 0; k < kAxes; ++k) {
+            const float* const from = p.columns + k * p.stride + at;
+            std::memcpy(&column, from, sizeof column);
+            std::memcpy(&next, from + kLanes, sizeof next);
+            for (std::size_t r = 0; r < kRows; ++r) {
+                left[r] += p.factors[kAxes * r + k] * column;
+                right[r] += p.factors[kAxes * r + k] * next;
+            }
+        }
+        for (std::size_t r = 0; r < kRows; ++r) {
+            float* const to = sums + r * p.stride + at;
+            const FourFloats lower = left[r] < right[r] ? left[r] : right[r];
+            lowest[r] = lower < lowest[r] ? lower : lowest[r];
+            std::memcpy(to, &left[r], sizeof column);
+            std::memcpy(to + kLanes, &right[r], sizeof next);
+        }
+    }
+    for (std::size_t r = 0; r < kRows; ++r) {
+        std::array<float, kLanes> each;
+        std::memcpy(each.data(), &lowest[r], sizeof each);
+        least[r] = *std::ranges::min_element(each);
+    }
+}
+
+/// As bits_within_wide(), but all bits where any of the numbers is.
+std::uint32_t bits_within_plainly(const float* numbers, const float* limits, float limit) {
+    constexpr std::size_t kLanes = sizeof(FourFloats) / sizeof(float);
+    auto any = FourFloats{} < FourFloats{};
+    for (std::size_t k = 0; k < kBlock; k += kLanes) {
+        FourFloats number, most;
+        std::memcpy(&number, numbers + k, sizeof number);
+        std::memcpy(&most, limits + k, sizeof most);
+        any |= (number <= most) | (number <= FourFloats{} + limit);
+    }
+    std::array<std::uint64_t, (sizeof any + 7) / 8> words{};
+    std::memcpy(words.data(), &any, sizeof any);
+    std::uint64_t all = 0;
+    for (const std::uint64_t word : words) all |= word;
+    return all != 0 ? ~std::uint32_t{0} : 0;
+}
+
+FloatRegisters registers_within(FloatRegisters most) {
+    const FloatRegisters widest = has_widest_registers() ? FloatRegisters::kOfSixteen
+                                  : has_fused_products() ? FloatRegisters::kOfEight
+                                                         : FloatRegisters::kOfFour;
+    return std::min(most, widest);
+}
+
 /// The nearest of some of the sources, and what these are to the targets.
 class Comparison {
 public:
     Nearest forward, backward;
 
-    Comparison(const InFloats& floats, std::size_t begin, std::size_t end)
+    /// `of_targets`: what is near the targets as far as it is known.
+    Comparison(const InFloats& floats, std::size_t begin, std::size_t end, Nearest of_targets,
+               FloatRegisters registers)
         : forward(to_size(floats.source.rows())),
-          backward(to_size(floats.target.rows())),
+          backward(std::move(of_targets)),
           floats_(floats),
           begin_(begin),
           end_(end),
+          registers_(registers),
           bounds_(floats.padded, -kFar) {}
 
-    void guess(const Matches& of_targets) {
-        for (std::size_t j = 0; j < of_targets.to.size(); ++j)
-            backward.add(j, exact(to_size(of_targets.to[j]), j), of_targets.to[j]);
-    }
     /// Of the sources, and of the targets where they are wanted.
     void run(bool both) {
         if (both)
             for (std::size_t j = 0; j < backward.to.size(); ++j) bound(j);
-        if (has_wide_registers())
-            run_wide();
-        else
-            run_with<FourFloats>();
+        std::vector<float> strip(kStrip * floats_.padded);
+        std::array<float, kStrip> least;
+        for (std::size_t first = begin_; first < end_; first += kStrip) {
+            compare(first, strip.data(), least.data());
+            for (std::size_t r = 0; r < std::min(kStrip, end_ - first); ++r)
+                look(first + r, strip.data() + r * floats_.padded,
+                     raised(least[r] + 2.0 * floats_.error));
+        }
     }
 
 private:
@@ -134,94 +199,48 @@ private:
     }
     void bound(std::size_t j) { bounds_[j] = raised(backward.squared[j] + floats_.error); }
 
-    POINTMORPH_WIDE void run_wide() { run_with<EightFloats>(); }
-
-    template <class Floats>
-    POINTMORPH_INLINE void run_with() {
-        std::vector<float> strip(kStrip * floats_.padded);
-        for (std::size_t first = begin_; first < end_; first += kStrip) {
-            std::array<float, kStrip> least;
-            compare<Floats>(first, strip.data(), least);
-            for (std::size_t r = 0; r < std::min(kStrip, end_ - first); ++r)
-                look<Floats>(first + r, strip.data() + r * floats_.padded,
-                             raised(least[r] + 2.0 * floats_.error));
-        }
-    }
-
     /// Squared distances of a strip to all targets, and the least of each row.
-    template <class Floats>
-    POINTMORPH_INLINE void compare(std::size_t first, float* strip,
-                                   std::array<float, kStrip>& least) const {
-        constexpr std::size_t kLanes = sizeof(Floats) / sizeof(float), kTwice = 2 * kLanes;
-        const float* const rows = floats_.sources.data() + kAxes * first;
-        std::array<Floats, kStrip> lowest;
-        for (Floats& low : lowest) low = Floats{} + kFar;
-        for (std::size_t at = 0; at < floats_.padded; at += kTwice) {
-            Floats left[kStrip], right[kStrip], column, next;
-            std::memcpy(&column, floats_.target_squares.data() + at, sizeof column);
-            std::memcpy(&next, floats_.target_squares.data() + at + kLanes, sizeof next);
-            for (std::size_t r = 0; r < kStrip; ++r) {
-                left[r] = column + floats_.source_squares[first + r];
-                right[r] = next + floats_.source_squares[first + r];
-            }
-            for (std::size_t axis = 0; axis < kAxes; ++axis) {
-                const float* const from = floats_.targets.data() + axis * floats_.padded + at;
-                std::memcpy(&column, from, sizeof column);
-                std::memcpy(&next, from + kLanes, sizeof next);
-                for (std::size_t r = 0; r < kStrip; ++r) {
-                    left[r] += rows[kAxes * r + axis] * column;
-                    right[r] += rows[kAxes * r + axis] * next;
-                }
-            }
-            for (std::size_t r = 0; r < kStrip; ++r) {
-                float* const to = strip + r * floats_.padded + at;
-                const Floats lower = left[r] < right[r] ? left[r] : right[r];
-                lowest[r] = lower < lowest[r] ? lower : lowest[r];
-                std::memcpy(to, &left[r], sizeof column);
-                std::memcpy(to + kLanes, &right[r], sizeof next);
-            }
-        }
-        for (std::size_t r = 0; r < kStrip; ++r) {
-            std::array<float, kLanes> each;
-            std::memcpy(each.data(), &lowest[r], sizeof each);
-            least[r] = *std::ranges::min_element(each);
+    void compare(std::size_t first, float* strip, float* least) const {
+        constexpr std::size_t kHalf = kStrip / 2;
+        ProductSums products{floats_.sources.data() + kAxes * first,
+                             floats_.source_squares.data() + first, floats_.targets.data(),
+                             floats_.target_squares.data(), floats_.padded};
+        if (registers_ == FloatRegisters::kOfSixteen)
+            return sum_products_of_eight<kAxes>(products, strip, least);
+        for (int half = 0; half < 2; ++half) {
+            (registers_ == FloatRegisters::kOfEight ? sum_products_of_four<kAxes>
+                                                    : sum_products_plainly)(products, strip, least);
+            products.factors += kAxes * kHalf;
+            products.row_starts += kHalf;
+            strip += kHalf * floats_.padded;
+            least += kHalf;
         }
     }
 
     /// Compares exactly what may be the nearest of source `i` or have it as its nearest.
-    template <class Floats>
-    POINTMORPH_INLINE void look(std::size_t i, const float* strip, float bound) {
-        constexpr std::size_t kLanes = sizeof(Floats) / sizeof(float);
-        for (std::size_t at = 0; at < floats_.padded; at += kBlock) {
-            auto near = Floats{} < Floats{};
-            for (std::size_t k = 0; k < kBlock; k += kLanes) {
-                Floats squared, bounds;
-                std::memcpy(&squared, strip + at + k, sizeof squared);
-                std::memcpy(&bounds, bounds_.data() + at + k, sizeof bounds);
-                near |= (squared <= bounds) | (squared <= Floats{} + bound);
-            }
-            std::array<std::uint64_t, (sizeof near + 7) / 8> words{};
-            std::memcpy(words.data(), &near, sizeof near);
-            std::uint64_t any = 0;
-            for (const std::uint64_t word : words) any |= word;
-            if (any != 0) look_closely(i, strip, at, bound);
-        }
+    void look(std::size_t i, const float* strip, float its_bound) {
+        const auto bits_within =
+            registers_ == FloatRegisters::kOfFour ? bits_within_plainly : bits_within_wide;
+        for (std::size_t at = 0; at < floats_.padded; at += kBlock)
+            for (std::uint32_t bits = bits_within(strip + at, bounds_.data() + at, its_bound);
+                 bits != 0; bits &= bits - 1)
+                look_closely(i, at + static_cast<std::size_t>(std::countr_zero(bits)), strip,
+                             its_bound);
     }
 
-    void look_closely(std::size_t i, const float* strip, std::size_t at, float its_bound) {
-        const std::size_t end = std::min(at + kBlock, backward.to.size());
-        for (std::size_t j = at; j < end; ++j) {
-            if (!(strip[j] <= its_bound || strip[j] <= bounds_[j])) continue;
-            const double squared = exact(i, j);
-            forward.add(i, squared, to_index(j));
-            if (!(strip[j] <= bounds_[j])) continue;
-            backward.add(j, squared, to_index(i));
-            bound(j);
-        }
+    void look_closely(std::size_t i, std::size_t j, const float* strip, float its_bound) {
+        const bool is_near = strip[j] <= bounds_[j];
+        if (!is_near && !(strip[j] <= its_bound)) return;
+        const double squared = backward.to[j] == to_index(i) ? backward.squared[j] : exact(i, j);
+        forward.add(i, squared, to_index(j));
+        if (!is_near) return;
+        backward.add(j, squared, to_index(i));
+        bound(j);
     }
 
     const InFloats& floats_;
     std::size_t begin_, end_;
+    FloatRegisters registers_;
     std::vector<float> bounds_;  ///< of each target: what seems farther off isn't nearer
 };
 
@@ -234,15 +253,20 @@ bool fits_floats(const ProductPoints& points) {
 
 std::pair<Matches, Matches> matches_both_ways_of_few(const ProductPoints& source,
                                                      const ProductPoints& target,
-                                                     const Matches* guess) {
+                                                     const Matches* guess, FloatRegisters most) {
     const InFloats floats(source, target);
     const std::size_t count = to_size(source.rows()), half = count / 2 / kStrip * kStrip;
-    std::array parts{Comparison(floats, 0, half), Comparison(floats, half, count)};
-    parallel_invoke(2, [&](int k, bool) {
-        Comparison& part = parts[to_size(k)];
-        if (guess) part.guess(*guess);
-        part.run(true);
-    });
+    Nearest guessed(to_size(target.rows()));
+    if (guess)
+        for (std::size_t j = 0; j < guess->to.size(); ++j) {
+            const auto i = guess->to[j];
+            guessed.add(j, squared_distance(source.row(i).data(), target.row(to_index(j)).data()),
+                        i);
+        }
+    const FloatRegisters registers = registers_within(most);
+    std::array parts{Comparison(floats, 0, half, guessed, registers),
+                     Comparison(floats, half, count, guessed, registers)};
+    parallel_invoke(2, [&](int k, bool) { parts[to_size(k)].run(true); });
     auto& [first, second] = parts;
     for (std::size_t i = half; i < count; ++i)
         first.forward.add(i, second.forward.squared[i], second.forward.to[i]);
@@ -251,9 +275,11 @@ std::pair<Matches, Matches> matches_both_ways_of_few(const ProductPoints& source
     return {std::move(first.forward).matches(), std::move(first.backward).matches()};
 }
 
-Matches matches_of_few(const ProductPoints& source, const ProductPoints& target) {
+Matches matches_of_few(const ProductPoints& source, const ProductPoints& target,
+                       FloatRegisters most) {
     const InFloats floats(source, target);
-    Comparison comparison(floats, 0, to_size(source.rows()));
+    Comparison comparison(floats, 0, to_size(source.rows()), Nearest(to_size(target.rows())),
+                          registers_within(most));
     comparison.run(false);
     return std::move(comparison.forward).matches();
 }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <initializer_list>
 #include <limits>
 
 #include "pointmorph/base/parallel.hpp"
@@ -76,6 +77,25 @@ TEST(FewMatches, AGuessDoesNotChangeThem) {
     const auto [again, back_again] = matches_both_ways_of_few(a, b, &guess);
     expect_same(again, forward);
     expect_same(back_again, backward);
+}
+
+TEST(FewMatches, SameForAnyWidthOfRegisters) {
+    using enum FloatRegisters;
+    for (const Index sources : {1, 4, 7, 8, 9, 31, 200})
+        for (const Index targets : {1, 31, 32, 33, 64, 150}) {
+            const ProductPoints a = on_surface(sources, 1, 0.3), b = on_surface(targets, 2, -0.2);
+            const Matches expected = by_tree(a, b), back_expected = by_tree(b, a);
+            Matches guess = back_expected;
+            guess.to.back() = 0;
+            for (const FloatRegisters most : {kOfFour, kOfEight, kOfSixteen})
+                for (const Matches* const its :
+                     std::initializer_list<const Matches*>{nullptr, &guess}) {
+                    const auto [forward, backward] = matches_both_ways_of_few(a, b, its, most);
+                    expect_same(forward, expected);
+                    expect_same(backward, back_expected);
+                    expect_same(matches_of_few(a, b, most), expected);
+                }
+        }
 }
 
 TEST(FewMatches, SameForAnyNumberOfThreads) {
