@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <optional>
 #include <utility>
 
 #include "base/angle.hpp"
@@ -32,24 +33,25 @@ bool is_as_given(const Similarity& implied_alignment, const PoseOptions& options
 PoseSearch prepared_search(const CoarsePair& shapes, const PoseOptions& options,
                            const RegistrationOptions& registration, Progress& progress) {
     NodeDistances distances = node_distances(shapes.source, shapes.target);
-    Progress silent;  // it takes no time
-    const auto thinned = [&](const CoarseShape& shape, const Eigen::MatrixXd& its_distances) {
-        return thinned_shape(shape, extremities(shape, its_distances, options.extremities),
-                             options.points, silent);
-    };
-    PoseSearch search{thinned(shapes.source, distances[0]),
-                      thinned(shapes.target, distances[1]),
+    std::optional<FormRadii> radii;
+    if (options.likeness > 0.0) radii = form_radii(shapes.source, shapes.target);
+    std::array<std::optional<ThinnedShape>, 2> thinned;
+    parallel_invoke(2, [&](int k, bool) {
+        Progress silent;  // it takes no time
+        const CoarseShape& shape = k == 0 ? shapes.source : shapes.target;
+        ThinnedShape& its = thinned[to_size(k)].emplace(
+            thinned_shape(shape, extremities(shape, distances[to_size(k)], options.extremities),
+                          options.points, silent));
+        if (radii) its.forms = local_forms(shape, its.full_rows, *radii);
+    });
+    PoseSearch search{std::move(*thinned[0]),
+                      std::move(*thinned[1]),
                       std::move(distances),
                       {},
                       shapes.features,
                       options,
                       registration};
-    if (options.likeness > 0.0) {
-        const FormRadii radii = form_radii(shapes.source, shapes.target);
-        for (ThinnedShape* shape : {&search.source, &search.target})
-            shape->forms = local_forms(shape->full, shape->full_rows, radii);
-        make_comparable(search.source.forms, search.target.forms);
-    }
+    if (radii) make_comparable(search.source.forms, search.target.forms);
     if (!(options.symmetry.weight > 0.0)) return search;
     const auto symmetry = [&](const ThinnedShape& shape, const Eigen::MatrixXd& its_distances,
                               Progress& its) {

@@ -1,11 +1,15 @@
 #include "registration/pose_trials.hpp"
 
+#include <chrono>
 #include <limits>
 #include <memory>
 #include <random>
+#include <string_view>
+#include <thread>
 #include <utility>
 
 #include "base/angle.hpp"
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -128,11 +132,8 @@ public:
     OpenTrial(const OpenTrial&) = delete;
     OpenTrial& operator=(const OpenTrial&) = delete;
 
-    void advance(int rounds) {
-        Progress silent;
-        run_.advance(rounds, silent);
-    }
-    int rounds() const { return run_.rounds(); }
+    /// Polls between rounds; throws Cancelled.
+    void advance(int rounds, Progress& progress) { run_.advance(rounds, progress); }
 
     /// The map as far as it has come, with its energy.
     Trial trial() const {
@@ -150,6 +151,12 @@ public:
         return trial;
     }
 
+    /// The map at the end of all rounds.
+    Trial ended(Progress& progress) {
+        advance(run_.rounds(), progress);
+        return trial();
+    }
+
 private:
     const PoseSearch& search_;
     const Similarity alignment_;
@@ -160,15 +167,6 @@ private:
     const CoarsePair shapes_;
     AnnealingRun run_;
 };
-
-/// One level of the thinned shapes, the target moved; with its energy.
-Trial registered(const PoseSearch& search, const Similarity& alignment,
-                 std::span<const IndexPair> features, const RegistrationStart& start,
-                 const RegistrationLevel& level, const RegistrationOptions& options) {
-    OpenTrial trial(search, alignment, features, start, level, options);
-    trial.advance(trial.rounds());
-    return trial.trial();
-}
 
 /// Where the points of a trial have come to.
 RegistrationStart from_there(const Trial& trial) {
@@ -181,7 +179,7 @@ double middle_stiffness(const RegistrationLevel& level) {
 }
 
 /// A trial whose points are where they belong from the start on, at its end.
-Trial begun_there(const PoseSearch& search, const TrialStart& start) {
+Trial begun_there(const PoseSearch& search, const TrialStart& start, Progress& progress) {
     RegistrationLevel level = search.options.trial;
     level.stiff_rounds = 0;  // the shapes don't lie alike
     const CoarseShape& source = search.source.thin;
@@ -190,8 +188,8 @@ Trial begun_there(const PoseSearch& search, const TrialStart& start) {
         start.places == StartPlaces::kTransported
             ? transported_start(source, there)
             : anchored_start(source, there, search.distances, anchors(search, start.extremities));
-    return with_likeness(search, registered(search, start.alignment, search.features, places, level,
-                                            search.registration));
+    OpenTrial trial(search, start.alignment, search.features, places, level, search.registration);
+    return with_likeness(search, trial.ended(progress));
 }
 
 /// Where points start that nothing leads.
@@ -209,14 +207,15 @@ struct Begun {
     Trial trial;
 };
 
-Begun begun(const PoseSearch& search, const TrialStart& start) {
-    if (start.places != StartPlaces::kAtRest) return {nullptr, begun_there(search, start)};
+Begun begun(const PoseSearch& search, const TrialStart& start, Progress& progress) {
+    if (start.places != StartPlaces::kAtRest)
+        return {nullptr, begun_there(search, start, progress)};
     const RegistrationStart places = resting(search, start.alignment);
     RegistrationLevel level = search.options.trial;
     if (start.extremities.empty()) {
         auto open = std::make_unique<OpenTrial>(search, start.alignment, search.features, places,
                                                 level, search.registration);
-        open->advance(level.stiff_rounds + level.rounds / 2);
+        open->advance(level.stiff_rounds + level.rounds / 2, progress);
         Trial trial = open->trial();
         return {std::move(open), std::move(trial)};
     }
@@ -229,32 +228,44 @@ Begun begun(const PoseSearch& search, const TrialStart& start) {
     for (const IndexPair& match : start.extremities)
         guides.push_back({search.source.extremities[to_size(match.source)].point,
                           search.target.extremities[to_size(match.target)].point});
-    return {nullptr, registered(search, start.alignment, guides, places, level, soft)};
+    OpenTrial led(search, start.alignment, guides, places, level, soft);
+    return {nullptr, led.ended(progress)};
 }
 
-Trial ended(const PoseSearch& search, const Begun& half) {
-    if (half.open) {
-        half.open->advance(half.open->rounds());
-        return with_likeness(search, half.open->trial());
-    }
+Trial ended(const PoseSearch& search, const Begun& half, Progress& progress) {
+    if (half.open) return with_likeness(search, half.open->ended(progress));
     RegistrationLevel level = search.options.trial;
     level.stiff_rounds = 0;
     level.rounds -= level.rounds / 2;
     level.first_stiffness = middle_stiffness(search.options.trial);
-    return with_likeness(search, registered(search, half.trial.alignment, search.features,
-                                            from_there(half.trial), level, search.registration));
+    OpenTrial rest(search, half.trial.alignment, search.features, from_there(half.trial), level,
+                   search.registration);
+    return with_likeness(search, rest.ended(progress));
 }
 
-/// `make` of all of them, side by side.
+/// `make(given, its)` of all of them, side by side. `its` lets the callback of `progress` speak on
+/// the thread that called, and throws Cancelled where that has asked for the end.
 template <class Made, class Given, class Make>
 std::vector<Made> each(const Given& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
-    parallel_for(
-        to_index(given.size()), progress,
-        [&](Index begin, Index end) {
-            for (Index k = begin; k < end; ++k) made[to_size(k)] = make(given[to_size(k)]);
-        },
-        0.0, 1.0, 1);
+    const std::thread::id caller = std::this_thread::get_id();
+    try {
+        parallel_for(
+            to_index(given.size()), progress,
+            [&](Index begin, Index end) {
+                const bool is_caller = std::this_thread::get_id() == caller;
+                Progress its(
+                    [&](std::string_view, double) {
+                        return is_caller ? progress.poll() : !progress.cancelled();
+                    },
+                    std::chrono::milliseconds(0));
+                for (Index k = begin; k < end; ++k) made[to_size(k)] = make(given[to_size(k)], its);
+            },
+            0.0, 1.0, 1);
+    } catch (const Cancelled&) {
+        progress.throw_if_cancelled();  // perhaps what the callback threw
+        throw;
+    }
     return made;
 }
 
@@ -264,8 +275,7 @@ void keep_best(std::vector<Trial>& trials, double distinct) {
 }
 
 /// A trial's map on all points of the coarsest level, carried to the nodes of the finest.
-RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial) {
-    Progress silent;
+RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial, Progress& progress) {
     const CoarseShape& source = search.source.full;
     const CoarseShape there = moved(search.target.full, trial.alignment);
     const auto all = [](const CoarseShape& shape, const Deformation& deformation) {
@@ -275,26 +285,26 @@ RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial) {
     const CoarsePair shapes{source, there, search.features};
     Registration coarse = register_level(
         shapes, 0, {all(source, trial.registration.source), all(there, trial.registration.target)},
-        search.options.relaxation, search.registration, silent);
+        search.options.relaxation, search.registration, progress);
     RelaxedMap map;
     map.points = {std::move(coarse.source_points.positions),
                   std::move(coarse.target_points.positions)};
     RegistrationLevel as_it_is = search.options.relaxation;
     as_it_is.stiff_rounds = as_it_is.rounds = 0;
     map.candidate.alignment = trial.alignment;
-    map.candidate.registration = register_level(shapes, to_index(source.levels.size()) - 1,
-                                                map.points, as_it_is, search.registration, silent);
+    map.candidate.registration =
+        register_level(shapes, to_index(source.levels.size()) - 1, map.points, as_it_is,
+                       search.registration, progress);
     rate(search, map.candidate);
     return map;
 }
 
 /// The finest level.
-Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map) {
-    Progress silent;
+Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map, Progress& progress) {
     const CoarseShape there = moved(search.target.full, map.candidate.alignment);
     Candidate result{.alignment = map.candidate.alignment,
                      .registration = register_shapes({search.source.full, there, search.features},
-                                                     map.points, search.registration, silent, 1)};
+                                                     map.points, search.registration, progress, 1)};
     rate(search, result);
     return result;
 }
@@ -395,7 +405,9 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress, double hopeless) {
     std::vector<Begun> made = in_part(progress, 0.0, 0.5, [&] {
         return each<Begun>(
-            starts, [&](const TrialStart& start) { return begun(search, start); }, progress);
+            starts,
+            [&](const TrialStart& start, Progress& its) { return begun(search, start, its); },
+            progress);
     });
     std::vector<Trial> led;
     std::vector<Begun> open;
@@ -416,7 +428,8 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
     for (Trial& trial : led) open.push_back({nullptr, std::move(trial)});
     std::vector<Trial> finished = in_part(progress, 0.5, 1.0, [&] {
         return each<Trial>(
-            open, [&](const Begun& half) { return ended(search, half); }, progress);
+            open, [&](const Begun& half, Progress& its) { return ended(search, half, its); },
+            progress);
     });
     for (Trial& trial : finished) trials.push_back(std::move(trial));
     keep_best(trials, search.options.distinct);
@@ -474,10 +487,10 @@ std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& t
                            Progress& progress) {
     std::vector<Trial> result = each<Trial>(
         trials,
-        [&](const Trial& trial) {
-            return with_likeness(
-                search, registered(search, trial.alignment, search.features, from_there(trial),
-                                   search.options.longer, search.registration));
+        [&](const Trial& trial, Progress& its) {
+            OpenTrial longer(search, trial.alignment, search.features, from_there(trial),
+                             search.options.longer, search.registration);
+            return with_likeness(search, longer.ended(its));
         },
         progress);
     keep_best(result, search.options.distinct);
@@ -493,7 +506,7 @@ std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& m
     const double of_map = dearer_by_turning(search, map);
     return each<Candidate>(
         motions,
-        [&](const SelfMotion& motion) {
+        [&](const SelfMotion& motion, Progress&) {
             Candidate other =
                 followed_by_motion(map, search.source.full, search.target.full, motion);
             rate(search, other);
@@ -511,13 +524,16 @@ std::vector<RelaxedMap> relaxed_on_all_points(const PoseSearch& search,
                                               const std::vector<Trial>& trials,
                                               Progress& progress) {
     return each<RelaxedMap>(
-        trials, [&](const Trial& trial) { return relaxed_on_all(search, trial); }, progress);
+        trials,
+        [&](const Trial& trial, Progress& its) { return relaxed_on_all(search, trial, its); },
+        progress);
 }
 
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<RelaxedMap>& maps,
                                  Progress& progress) {
     return each<Candidate>(
-        maps, [&](const RelaxedMap& map) { return to_the_finest(search, map); }, progress);
+        maps, [&](const RelaxedMap& map, Progress& its) { return to_the_finest(search, map, its); },
+        progress);
 }
 
 Similarity implied_pose(const Positions& source, const Positions& images,

@@ -53,11 +53,11 @@ FoundMap registered(const Scene& scene, const RegistrationStart& start, bool is_
     found.diagnostics.starts = std::move(restarts.tried);
     found.diagnostics.start_taken = restarts.taken;
     if (options.propose) {
-        const auto extremities_of = [&](const CoarseShape& shape) {
-            return extremities(shape, node_distances(shape), options.pose.extremities);
-        };
-        found.source_extremities = extremities_of(scene.coarse_source);
-        found.target_extremities = extremities_of(scene.coarse_target);
+        parallel_invoke(2, [&](int k, bool) {
+            const CoarseShape& shape = k == 0 ? scene.coarse_source : scene.coarse_target;
+            (k == 0 ? found.source_extremities : found.target_extremities) =
+                extremities(shape, node_distances(shape), options.pose.extremities);
+        });
     }
     return found;
 }

@@ -2,9 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
+#include <stdexcept>
+#include <string_view>
 #include <vector>
 
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
 
@@ -215,6 +220,52 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
     EXPECT_LT(error(StartPlaces::kAnchored), 0.03);
     EXPECT_GT(error(StartPlaces::kAtRest),
               0.1);  // drawn together, the extremities turn it inside out
+}
+
+TEST(PoseTrials, EachRoundOfATrialAsksWhetherToEnd) {
+    const ThreadCount alone(1);  // others don't call
+    const TurnedUrchins urchins;
+    const PoseSearch search = urchins.search();
+    ExtremityMatches matches;
+    for (Index k = 0; k < 5; ++k) matches.push_back({k, k});
+    const Similarity turned{1.0, urchins.turn, Vector3::Zero()};
+    const int rounds = urchins.options.trial.rounds;
+    for (const TrialStart& start : {TrialStart{turned, {}}, TrialStart{turned, matches},
+                                    TrialStart{turned, matches, StartPlaces::kAnchored},
+                                    TrialStart{turned, {}, StartPlaces::kTransported}}) {
+        const auto calls_until = [&](int last) {
+            int calls = 0;
+            Progress progress([&](std::string_view, double) { return ++calls < last; },
+                              std::chrono::milliseconds(0));
+            std::vector<Trial> trials;
+            try {
+                try_starts(search, {start}, trials, progress);
+                EXPECT_EQ(trials.size(), 1u);
+            } catch (const Cancelled&) {
+                EXPECT_EQ(calls, last) << "asked again after it was told to end";
+            }
+            return calls;
+        };
+        EXPECT_GE(calls_until(1000), rounds);
+        EXPECT_EQ(calls_until(rounds / 2), rounds / 2);
+    }
+}
+
+TEST(PoseTrials, WhatTheCallbackThrowsWithinATrialComesBack) {
+    const ThreadCount alone(1);
+    const TurnedUrchins urchins;
+    const PoseSearch search = urchins.search();
+    int calls = 0;
+    Progress progress(
+        [&](std::string_view, double) -> bool {
+            if (++calls == 7) throw std::out_of_range("the window is gone");
+            return true;
+        },
+        std::chrono::milliseconds(0));
+    std::vector<Trial> trials;
+    EXPECT_THROW(try_starts(search, {{Similarity{1.0, urchins.turn, Vector3::Zero()}, {}}}, trials,
+                            progress),
+                 std::out_of_range);
 }
 
 }  // namespace
