@@ -16,6 +16,13 @@
 /// The pointer is the only way to what it points to, so that loops can be vectorized.
 #define POINTMORPH_RESTRICT __restrict  // of GCC, Clang and MSVC alike
 
+/// What a function with POINTMORPH_WIDE calls has to become a part of it.
+#if defined(__GNUC__)
+#define POINTMORPH_INLINE inline __attribute__((always_inline))
+#else
+#define POINTMORPH_INLINE inline
+#endif
+
 namespace pointmorph {
 
 /// Two numbers side by side, for any compiler.
@@ -132,8 +139,30 @@ struct TwoTwos {
         high += b.high;
         return *this;
     }
+    TwoTwos& operator-=(const TwoTwos& b) {
+        for (std::size_t k = 0; k < 2; ++k) {
+            low[k] -= b.low[k];
+            high[k] -= b.high[k];
+        }
+        return *this;
+    }
     double operator[](int k) const { return k < 2 ? low[k] : high[k - 2]; }
 };
+
+/// Puts the last two of others in the place of the last two numbers. (Compilers warn of Four as a
+/// result, which another register would bring back where registers aren't wide.)
+inline void take_upper_half(TwoTwos& numbers, const TwoTwos& others) {
+    numbers.high = others.high;
+}
+inline void take_upper_half(PlainFour& numbers, const PlainFour& others) {
+    numbers.values[2] = others.values[2];
+    numbers.values[3] = others.values[3];
+}
+#if defined(__GNUC__)
+inline __attribute__((always_inline)) void take_upper_half(Four& numbers, const Four& others) {
+    numbers = Four{numbers[0], numbers[1], others[2], others[3]};
+}
+#endif
 
 /// Four floats in one register, and eight in one of those that newer processors have. For other
 /// compilers a float is a register of one.
@@ -374,13 +403,6 @@ inline bool blend_units_wide(const float*, const float*, float, const std::array
 inline void take_roots_wide(double* numbers, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) numbers[i] = std::sqrt(numbers[i]);
 }
-#endif
-
-/// What a function with POINTMORPH_WIDE calls has to become a part of it.
-#if defined(__GNUC__)
-#define POINTMORPH_INLINE inline __attribute__((always_inline))
-#else
-#define POINTMORPH_INLINE inline
 #endif
 
 /// Has memory that is read soon brought into the caches.

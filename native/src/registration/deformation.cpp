@@ -3,16 +3,15 @@
 #include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
 
-#include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
+#include "registration/padded_columns.hpp"
 
 namespace pointmorph {
 
@@ -230,9 +229,9 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
 
 std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationGraph& graph) {
     const Index count = graph.size();
-    std::vector<std::vector<Index>> columns(to_size(count));  // rows ≥ column
+    std::vector<std::vector<Index>> rows(to_size(count));  // columns ≤ row, in any order
     const auto add = [&](Index i, Index j) {
-        columns[to_size(std::min(i, j))].push_back(std::max(i, j));
+        rows[to_size(std::max(i, j))].push_back(std::min(i, j));
     };
     for (Index i = 0; i < count; ++i) {
         add(i, i);
@@ -243,10 +242,12 @@ std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationG
     for (const auto& nodes : graph.point_nodes)
         for (std::size_t k = 0; k < kNodes; ++k)
             for (std::size_t l = 0; l < k; ++l) add(nodes[k], nodes[l]);
-    for (auto& rows : columns) {
-        std::ranges::sort(rows);
-        rows.erase(std::ranges::unique(rows).begin(), rows.end());
-    }
+    std::vector<std::vector<Index>> columns(to_size(count));  // rows ≥ column, ascending, each once
+    for (Index i = 0; i < count; ++i)
+        for (const Index j : rows[to_size(i)]) {
+            std::vector<Index>& column = columns[to_size(j)];
+            if (column.empty() || column.back() != i) column.push_back(i);
+        }
 
     DeformationPattern::Matrix lower(count, count);
     std::vector<Eigen::Triplet<double, Index>> entries;
@@ -358,48 +359,88 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
 
 namespace {
 
-/// `normals`: null for none.
-DeformedCloud deform(const Positions& positions, const Normals* normals,
-                     const DeformationGraph& graph, const Deformation& deformation,
-                     std::span<const Index> rows) {
-    // X(p) = Σ w (linear_k p + constant_k)
-    const Index count = graph.size();
-    std::vector<Matrix3> linear_of(to_size(count));
-    std::vector<Vector3> constant_of(to_size(count));
-    for (Index k = 0; k < count; ++k) {
-        linear_of[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
-        constant_of[to_size(k)] =
-            deformation.positions.row(k).transpose() -
-            linear_of[to_size(k)] * positions.row(graph.node_rows[to_size(k)]).transpose();
-    }
-    const auto size = static_cast<Eigen::Index>(rows.size());
-    DeformedCloud result{Positions(size, 3), Normals(normals ? size : 0, 3),
-                         std::vector<Matrix3>(rows.size())};
-    for (std::size_t r = 0; r < rows.size(); ++r) {
-        const Index i = rows[r];
-        const Vector3 p = positions.row(i).transpose();
-        Matrix3 linear = Matrix3::Zero(), rotation = Matrix3::Zero();
-        Vector3 constant = Vector3::Zero();
-        for (std::size_t k = 0; k < kNodes; ++k) {
-            const double w = graph.point_weights[to_size(i)][k];
-            const auto node = to_size(graph.point_nodes[to_size(i)][k]);
-            if (normals) rotation += w * deformation.rotations[node];
-            linear += w * linear_of[node];
-            constant += w * constant_of[node];
+/// Moves points with their nodes: X(p) = Σ w (linear_k p + constant_k).
+class Blending {
+public:
+    /// `normals`: null for none.
+    Blending(const Positions& positions, const Normals* normals, const DeformationGraph& graph,
+             const Deformation& deformation)
+        : positions_(positions), normals_(normals), graph_(graph) {
+        for (Index k = 0; k < graph.size(); ++k) {
+            const Matrix3& rotation = deformation.rotations[to_size(k)];
+            const Matrix3 linear = deformation.scales[k] * rotation;
+            const Vector3 constant =
+                deformation.positions.row(k).transpose() -
+                linear * positions.row(graph.node_rows[to_size(k)]).transpose();
+            moves_.push_back(
+                {padded(linear), padded(constant), normals ? padded(rotation) : PaddedColumns{}});
         }
-        const auto row = static_cast<Eigen::Index>(r);
-        result.positions.row(row) = linear * p + constant;
-        result.linear[r] = linear;
-        if (!normals) continue;
-        const Vector3 normal = rotation * normals->row(i).transpose();
-        const double length = normal.norm();
-        if (length > 1e-9)
-            result.normals.row(row) = normal / length;
-        else
-            result.normals.row(row) = normals->row(i);
     }
-    return result;
-}
+
+    DeformedCloud of(std::span<const Index> rows) const {
+        const auto size = static_cast<Eigen::Index>(rows.size());
+        DeformedCloud cloud{Positions(size, 3), Normals(normals_ ? size : 0, 3),
+                            std::vector<Matrix3>(rows.size())};
+        if (has_wide_registers())
+            place_all_wide(rows, cloud);
+        else
+            place_all<TwoTwos>(rows, cloud);
+        return cloud;
+    }
+
+private:
+    struct Move {
+        PaddedColumns linear;
+        PaddedColumn constant;
+        PaddedColumns rotation;
+    };
+
+    POINTMORPH_WIDE void place_all_wide(std::span<const Index> rows, DeformedCloud& cloud) const {
+        place_all<Four>(rows, cloud);
+    }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void place_all(std::span<const Index> rows, DeformedCloud& cloud) const {
+        for (std::size_t r = 0; r < rows.size(); ++r) place<Numbers>(rows[r], r, cloud);
+    }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void place(Index i, std::size_t row, DeformedCloud& cloud) const {
+        Numbers linear[3]{}, rotation[3]{}, constant{}, its, place, turned;
+        for (std::size_t k = 0; k < kNodes; ++k) {
+            const double w = graph_.point_weights[to_size(i)][k];
+            const Move& move = moves_[to_size(graph_.point_nodes[to_size(i)][k])];
+            for (std::size_t c = 0; c < 3; ++c) {
+                load(move.linear[c], its);
+                linear[c] += w * its;
+            }
+            load(move.constant, its);
+            constant += w * its;
+            if (!normals_) continue;
+            for (std::size_t c = 0; c < 3; ++c) {
+                load(move.rotation[c], its);
+                rotation[c] += w * its;
+            }
+        }
+        for (std::size_t c = 0; c < 3; ++c)
+            store_three(linear[c], cloud.linear[row].data() + 3 * c);
+        multiply(linear[0], linear[1], linear[2], positions_.data() + 3 * i, place);
+        place += constant;
+        store_three(place, cloud.positions.data() + 3 * row);
+        if (!normals_) return;
+        const double* const rest = normals_->data() + 3 * i;
+        multiply(rotation[0], rotation[1], rotation[2], rest, turned);
+        const double length =
+            std::sqrt(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]);
+        double* const normal = cloud.normals.data() + 3 * row;
+        for (int d = 0; d < 3; ++d) normal[d] = length > 1e-9 ? turned[d] / length : rest[d];
+    }
+
+    const Positions& positions_;
+    const Normals* const normals_;
+    const DeformationGraph& graph_;
+    std::vector<Move> moves_;  ///< of the nodes
+};
 
 std::vector<Index> all_rows(const Positions& positions) {
     std::vector<Index> rows(to_size(positions.rows()));
@@ -412,171 +453,17 @@ std::vector<Index> all_rows(const Positions& positions) {
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation,
                        std::span<const Index> rows) {
-    return deform(positions, &normals, graph, deformation, rows);
+    return Blending(positions, &normals, graph, deformation).of(rows);
 }
 
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation) {
-    return deform(positions, &normals, graph, deformation, all_rows(positions));
+    return Blending(positions, &normals, graph, deformation).of(all_rows(positions));
 }
 
 DeformedCloud deformed_places(const Positions& positions, const DeformationGraph& graph,
                               const Deformation& deformation) {
-    return deform(positions, nullptr, graph, deformation, all_rows(positions));
-}
-
-namespace {
-
-/// Row by row: what is left of a row once the columns before have been taken from it. Diagonals are
-/// stored as their inverses.
-POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, std::span<const double> matrix,
-                                   std::span<double> its_factor) {
-    const Index count = to_index(p.order.size());
-    const Index* const outer = p.matrix.outerIndexPtr();
-    const Index* const inner = p.matrix.innerIndexPtr();
-    double* const POINTMORPH_RESTRICT factor = its_factor.data();
-    std::vector<double> left(to_size(count), 0.0);
-    double* const POINTMORPH_RESTRICT row = left.data();
-    for (Index k = 0; k < count; ++k) {
-        for (Index e = outer[k]; e < outer[k + 1]; ++e) row[inner[e]] = matrix[to_size(e)];
-        double diagonal = row[k];
-        for (Index e = p.row_begins[to_size(k)]; e < p.row_begins[to_size(k) + 1]; ++e) {
-            const Index i = p.row_columns[to_size(e)], end = p.row_places[to_size(e)];
-            const Index begin = p.columns[to_size(i)];
-            const double entry = row[i] * factor[begin];
-            row[i] = 0.0;
-            const Index dense = std::min(p.dense_from[to_size(i)], end);
-            Index at = begin + 1;
-            for (; at < dense; ++at) row[p.rows[to_size(at)]] -= factor[at] * entry;
-            if (at < end) {
-                double* const POINTMORPH_RESTRICT rest = row + p.rows[to_size(at)];
-                for (Index j = 0; j < end - at; ++j) rest[j] -= factor[at + j] * entry;
-            }
-            diagonal -= entry * entry;
-            factor[end] = entry;
-        }
-        row[k] = 0.0;
-        factor[p.columns[to_size(k)]] = 1.0 / std::sqrt(std::max(diagonal, 1e-300));
-    }
-}
-
-POINTMORPH_WIDE void fill_factor_wide(const DeformationPattern& pattern,
-                                      std::span<const double> matrix, std::span<double> factor) {
-    fill_factor(pattern, matrix, factor);
-}
-
-/// Three numbers, and one that is 0.
-using FourOfRow = std::array<double, 4>;
-
-/// Solves L Lᵀ x = b for three right sides at once, in place.
-POINTMORPH_INLINE void substitute(const DeformationPattern& p, std::span<const double> factor,
-                                  std::vector<FourOfRow>& sides) {
-    const std::size_t count = sides.size();
-    Four here, there;
-    for (std::size_t k = 0; k < count; ++k) {
-        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
-        std::memcpy(&here, sides[k].data(), sizeof here);
-        here = factor[begin] * here;
-        std::memcpy(sides[k].data(), &here, sizeof here);
-        for (std::size_t at = begin + 1; at < end; ++at) {
-            double* const row = sides[to_size(p.rows[at])].data();
-            std::memcpy(&there, row, sizeof there);
-            there -= factor[at] * here;
-            std::memcpy(row, &there, sizeof there);
-        }
-    }
-    for (std::size_t k = count; k-- > 0;) {
-        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
-        std::memcpy(&here, sides[k].data(), sizeof here);
-        for (std::size_t at = begin + 1; at < end; ++at) {
-            std::memcpy(&there, sides[to_size(p.rows[at])].data(), sizeof there);
-            here -= factor[at] * there;
-        }
-        here = factor[begin] * here;
-        std::memcpy(sides[k].data(), &here, sizeof here);
-    }
-}
-
-POINTMORPH_WIDE void substitute_wide(const DeformationPattern& pattern,
-                                     std::span<const double> factor,
-                                     std::vector<FourOfRow>& sides) {
-    substitute(pattern, factor, sides);
-}
-
-}  // namespace
-
-DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
-    : positions_(positions),
-      graph_(graph),
-      pattern_(*graph.pattern),
-      matrix_(to_size(graph.pattern->matrix.nonZeros())),
-      factor_(graph.pattern->rows.size()) {}
-
-void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
-    stiffness_ = stiffness;
-    double* const values = matrix_.data();
-    std::ranges::fill(matrix_, 0.0);
-    // A trace of the identity holds what nothing else holds.
-    for (Index i = 0; i < graph_.size(); ++i) values[pattern_.diagonal[to_size(i)]] = 1e-9;
-    for (Index i = 0; i < graph_.size(); ++i)
-        for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
-             e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
-            values[pattern_.diagonal[to_size(i)]] += stiffness * graph_.edge_weights[e];
-            if (pattern_.laplacian[e] >= 0)
-                values[pattern_.laplacian[e]] -= stiffness * graph_.edge_weights[e];
-        }
-    for (const Attraction& a : attractions) {
-        const auto& weights = graph_.point_weights[to_size(a.point)];
-        const auto& nodes = graph_.point_nodes[to_size(a.point)];
-        const auto& block = pattern_.blocks[to_size(a.point)];
-        std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodes; ++k)
-            for (std::size_t l = 0; l <= k; ++l, ++b)
-                values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
-                                    weights[k] * weights[l];
-    }
-    (has_wide_registers() ? fill_factor_wide : fill_factor)(pattern_, matrix_, factor_);
-}
-
-void DeformationSolver::solve(std::span<const Attraction> attractions,
-                              Deformation& deformation) const {
-    const Index count = graph_.size();
-    std::vector<Matrix3> linear(to_size(count));
-    Positions constant(count, 3);  // X(p) = Σ w (x_k + linear_k p − constant_k)
-    for (Index k = 0; k < count; ++k) {
-        linear[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
-        constant.row(k) =
-            linear[to_size(k)] * positions_.row(graph_.node_rows[to_size(k)]).transpose();
-    }
-    std::vector<FourOfRow> right(to_size(count), FourOfRow{});
-    const auto row_of = [&](Index node) {
-        return Eigen::Map<Eigen::RowVector3d>(right[to_size(pattern_.order[to_size(node)])].data());
-    };
-    for (Index i = 0; i < count; ++i)
-        for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
-             e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
-            const Index j = graph_.edge_ends[e];
-            const Vector3 rest = (positions_.row(graph_.node_rows[to_size(i)]) -
-                                  positions_.row(graph_.node_rows[to_size(j)]))
-                                     .transpose();
-            row_of(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
-                         ((linear[to_size(i)] + linear[to_size(j)]) * rest).transpose();
-        }
-    for (const Attraction& a : attractions) {
-        const auto& weights = graph_.point_weights[to_size(a.point)];
-        const auto& nodes = graph_.point_nodes[to_size(a.point)];
-        const Vector3 p = positions_.row(a.point).transpose();
-        Vector3 wanted = a.target;
-        for (std::size_t k = 0; k < kNodes; ++k)
-            wanted -=
-                weights[k] * (linear[to_size(nodes[k])] * p - constant.row(nodes[k]).transpose());
-        wanted *= a.weight;
-        for (std::size_t k = 0; k < kNodes; ++k)
-            row_of(nodes[k]) += weights[k] * wanted.transpose();
-    }
-    (has_wide_registers() ? substitute_wide : substitute)(pattern_, factor_, right);
-    deformation.positions.resize(count, 3);
-    for (Index i = 0; i < count; ++i) deformation.positions.row(i) = row_of(i);
+    return Blending(positions, nullptr, graph, deformation).of(all_rows(positions));
 }
 
 }  // namespace pointmorph

@@ -1,0 +1,56 @@
+// Matrices of three rows whose columns lie in a register each. Not for callers of the library.
+#pragma once
+
+#include <array>
+#include <cstring>
+
+#include "base/compiler.hpp"
+#include "pointmorph/base/types.hpp"
+
+namespace pointmorph {
+
+/// Three numbers, and one that is 0.
+using PaddedColumn = std::array<double, 4>;
+using PaddedColumns = std::array<PaddedColumn, 3>;
+
+inline PaddedColumn padded(const Vector3& v) {
+    return {v[0], v[1], v[2], 0.0};
+}
+
+inline PaddedColumns padded(const Matrix3& matrix) {
+    return {padded(Vector3(matrix.col(0))), padded(Vector3(matrix.col(1))),
+            padded(Vector3(matrix.col(2)))};
+}
+
+/// `Numbers` are four doubles.
+template <class Numbers>
+POINTMORPH_INLINE void load(const PaddedColumn& column, Numbers& numbers) {
+    std::memcpy(&numbers, column.data(), sizeof numbers);
+}
+
+template <class Numbers>
+POINTMORPH_INLINE void store(const Numbers& numbers, PaddedColumn& column) {
+    std::memcpy(column.data(), &numbers, sizeof numbers);
+}
+
+template <class Numbers>
+POINTMORPH_INLINE void store_three(const Numbers& numbers, double* to) {
+    for (int d = 0; d < 3; ++d) to[d] = numbers[d];
+}
+
+/// A matrix of columns x, y and z times a vector, added up as Eigen does it: the third row in
+/// another order.
+template <class Numbers>
+POINTMORPH_INLINE void multiply(const Numbers& x, const Numbers& y, const Numbers& z,
+                                const double* vector, Numbers& product) {
+    const Numbers second = vector[1] * y, third = vector[2] * z;
+    product = vector[0] * x;
+    Numbers of_others = second, of_third_row = product;
+    of_others += third;
+    of_third_row += of_others;
+    product += second;
+    product += third;
+    take_upper_half(product, of_third_row);
+}
+
+}  // namespace pointmorph
