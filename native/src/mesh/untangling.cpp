@@ -252,11 +252,44 @@ Values shares_of(const MeshPatch& patch, const ElasticSheet& sheet,
     return result;
 }
 
+/// Takes vertices that have gone astray back to where they were at `start`, with those around them;
+/// and where they are more than a few, all of their patch.
+void take_strays_back(const Mesh& mesh, const ElasticSheet& sheet,
+                      const std::vector<MeshPatch>& patches, const UntangleOptions& options,
+                      const Positions& start, Positions& x) {
+    constexpr double kFew = 0.001;  // of a patch's vertices
+    constexpr int kRings = 3;
+    const Values before = options.off(start), now = options.off(x);
+    std::vector<char> may_return(to_size(x.rows()), 0);
+    for (const MeshPatch& patch : patches) {
+        if (patch.vertices.empty()) continue;
+        const double most = std::max(before(patch.vertices).maxCoeff(), options.most_off);
+        std::vector<Index> back;
+        for (const Index v : patch.vertices) {
+            if (now[v] > most)
+                back.push_back(v);
+            else
+                may_return[to_size(v)] = 1;
+        }
+        const auto strays = static_cast<double>(back.size());
+        if (strays > kFew * static_cast<double>(patch.vertices.size())) back = patch.vertices;
+        std::size_t first = 0;
+        for (int ring = 0; ring < kRings; ++ring)
+            for (const std::size_t end = back.size(); first < end; ++first)
+                for (const Index c : sheet.around(back[first]))
+                    for (const Index v : mesh.triangles.row(c / 3))
+                        if (std::exchange(may_return[to_size(v)], 0)) back.push_back(v);
+        for (const Index v : back) x.row(v) = start.row(v);
+        for (const Index v : patch.vertices) may_return[to_size(v)] = 0;
+    }
+}
+
 /// Takes patches back to where they were at `start` where more became worse than better.
 void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
                const std::vector<MeshPatch>& patches, const UntangleOptions& options,
                const Positions& start, Positions& x) {
     constexpr double kHardly = 0.002;  // of the area: some samples more or less
+    if (options.off) take_strays_back(mesh, sheet, patches, options, start, x);
     const Positions end = x;
     const Values bare_before = options.bare ? options.bare(start) : Values();
     const Values bare_now = options.bare ? options.bare(end) : Values();
@@ -298,7 +331,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     if (bad.empty()) return 0;
     const std::vector<MeshPatch> patches =
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
-    const bool may_worsen = options.creases || options.bare;
+    const bool may_worsen = options.creases || options.bare || options.off;
     const Positions start = may_worsen ? x : Positions();
     const std::vector<double> of_faces = shares_of(mesh, sheet, bad, options);
     parallel_for(

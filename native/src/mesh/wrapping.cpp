@@ -290,6 +290,10 @@ private:
             const Index before = left_;
             UntangleOptions untangling;
             if (options_.keep_uncreased) untangling.creases = &creases;
+            untangling.off = [&](const Positions& at) {
+                const WrapPartners near = samples_.partners(at, sides_, WrapTrees::kFine, progress);
+                return Values((near.positions - at).rowwise().norm());
+            };
             if (stays_on_)
                 untangling.bare = [&](const Positions& at) { return bare_by_face(at, progress); };
             left_ = untangle(mesh_, sheet_, partners, is_fixed, untangling, x_, progress);

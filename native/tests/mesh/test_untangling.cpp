@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <random>
 
 #include "mesh_shapes.hpp"
@@ -71,6 +72,62 @@ TEST(Untangling, LeavesFixedVertices) {
     sheet.untangled(x);
     EXPECT_EQ(x.row(middle), at);
     EXPECT_EQ(sheet.turned(x), 0);
+}
+
+/// Untangled where `off` says how far vertices are off the target.
+Positions untangled_within(Sheet& sheet, const Positions& x, double most_off,
+                           const std::function<Values(const Positions&)>& off) {
+    UntangleOptions options;
+    options.off = off;
+    options.most_off = most_off;
+    Positions moved = x;
+    untangle(sheet.mesh, sheet.sheet, sheet.planes, sheet.is_fixed, options, moved, sheet.progress);
+    return moved;
+}
+
+TEST(Untangling, LeavesSurroundingsOfWhichManyWouldGoAstray) {
+    Sheet sheet;
+    Positions x = sheet.mesh.positions;
+    const Index middle = 7 * 15 + 7;
+    x.row(middle) += Eigen::RowVector3d(0.3, 0.25, 0.05);
+    const auto way = [&](const Positions& at) { return Values((at - x).rowwise().norm()); };
+    Positions free = x;
+    sheet.untangled(free);
+    ASSERT_GT(way(free).maxCoeff(), 0.1);
+    EXPECT_EQ(untangled_within(sheet, x, 0.5, way), free);  // none goes so far
+    EXPECT_EQ(untangled_within(sheet, x, 1e-6, way), x);
+}
+
+TEST(Untangling, LeavesWhatIsAroundAFewStrays) {
+    Sheet sheet;
+    sheet.mesh = make_mesh(mesh_shapes::grid(60));
+    sheet.sheet = ElasticSheet(sheet.mesh.positions, sheet.mesh.triangles, sheet.progress);
+    const Index count = to_index(sheet.mesh.positions.rows());
+    sheet.planes = {sheet.mesh.positions, Normals::Zero(count, 3)};
+    sheet.planes.normals.col(2).setOnes();
+    sheet.is_fixed.assign(to_size(count), 0);
+    Positions x = sheet.mesh.positions;
+    std::vector<Index> moved;  // so near to each other that they give way together
+    for (Index i = 4; i < 57; i += 5)
+        for (Index j = 4; j < 57; j += 5) moved.push_back(i * 61 + j);
+    for (const Index v : moved) x.row(v) += Eigen::RowVector3d(0.06, 0.05, 0.01);
+    Positions free = x;
+    sheet.untangled(free);
+    const auto only = [&](Index v, const Positions& at) {
+        Values off = Values::Zero(count);
+        off[v] = (at.row(v) - x.row(v)).norm();
+        return off;
+    };
+    const Index stray = moved[60];
+    ASSERT_GT((free.row(stray) - x.row(stray)).norm(), 0.01);
+    const Positions kept =
+        untangled_within(sheet, x, 0.005, [&](const Positions& at) { return only(stray, at); });
+    Index changed = 0;
+    for (Index v = 0; v < count; ++v) changed += kept.row(v) != free.row(v);
+    EXPECT_EQ(kept.row(stray), x.row(stray));
+    EXPECT_GT(changed, 10);
+    EXPECT_LT(changed, 49);  // three rings
+    EXPECT_LT(sheet.turned(kept), sheet.turned(x));
 }
 
 TEST(Untangling, NeverMakesMoreOfThem) {
