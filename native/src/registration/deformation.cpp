@@ -17,7 +17,6 @@ namespace pointmorph {
 
 namespace {
 
-constexpr int kNodes = kNodesPerPoint;
 constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
 constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
 
@@ -199,7 +198,7 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
         const auto& list = nearby[to_size(i)];
         auto& nodes = result.point_nodes[to_size(i)];
         auto& weights = result.point_weights[to_size(i)];
-        const auto used = std::min<std::size_t>(list.size(), kNodes);
+        const auto used = std::min<std::size_t>(list.size(), kNodesPerPoint);
         const double farthest = 1.05 * std::max(list[used - 1].first, 1e-9);
         double sum = 0.0;
         for (std::size_t k = 0; k < used; ++k) {
@@ -208,7 +207,7 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
             sum += weights[k];
         }
         for (std::size_t k = 0; k < used; ++k) weights[k] /= sum;
-        for (std::size_t k = used; k < kNodes; ++k) {
+        for (std::size_t k = used; k < kNodesPerPoint; ++k) {
             nodes[k] = nodes[0];
             weights[k] = 0.0;
         }
@@ -240,7 +239,7 @@ std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationG
             if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
     }
     for (const auto& nodes : graph.point_nodes)
-        for (std::size_t k = 0; k < kNodes; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             for (std::size_t l = 0; l < k; ++l) add(nodes[k], nodes[l]);
     std::vector<std::vector<Index>> columns(to_size(count));  // rows ≥ column, ascending, each once
     for (Index i = 0; i < count; ++i)
@@ -285,7 +284,7 @@ std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationG
     result.blocks.resize(graph.point_nodes.size());
     for (std::size_t p = 0; p < result.blocks.size(); ++p) {
         std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodes; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             for (std::size_t l = 0; l <= k; ++l)
                 result.blocks[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
     }
@@ -407,7 +406,7 @@ private:
     template <class Numbers>
     POINTMORPH_INLINE void place(Index i, std::size_t row, DeformedCloud& cloud) const {
         Numbers linear[3]{}, rotation[3]{}, constant{}, its, place, turned;
-        for (std::size_t k = 0; k < kNodes; ++k) {
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             const double w = graph_.point_weights[to_size(i)][k];
             const Move& move = moves_[to_size(graph_.point_nodes[to_size(i)][k])];
             for (std::size_t c = 0; c < 3; ++c) {

@@ -11,8 +11,6 @@ namespace pointmorph {
 
 namespace {
 
-constexpr int kNodes = kNodesPerPoint;
-
 /// Row by row: what is left of a row once the columns before have been taken from it. Diagonals are
 /// stored as their inverses.
 POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, std::span<const double> matrix,
@@ -155,7 +153,7 @@ private:
         const auto& nodes = graph_.point_nodes[to_size(a.point)];
         Numbers wanted, x, y, z, moved, its;
         load(padded(a.target), wanted);
-        for (std::size_t k = 0; k < kNodes; ++k) {
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             const Move& move = moves_[to_size(nodes[k])];
             load(move.linear[0], x);
             load(move.linear[1], y);
@@ -166,7 +164,7 @@ private:
             wanted -= weights[k] * moved;
         }
         wanted = a.weight * wanted;
-        for (std::size_t k = 0; k < kNodes; ++k) {
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             PaddedColumn& row = right[row_of(nodes[k])];
             load(row, its);
             its += weights[k] * wanted;
@@ -207,7 +205,7 @@ void DeformationSolver::factorize(double stiffness, std::span<const Attraction> 
         const auto& nodes = graph_.point_nodes[to_size(a.point)];
         const auto& block = pattern_.blocks[to_size(a.point)];
         std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodes; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             for (std::size_t l = 0; l <= k; ++l, ++b)
                 values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
                                     weights[k] * weights[l];
