@@ -1,16 +1,19 @@
-"""What isn't a morph any more because the user made it a plain mesh (Object > Convert > Mesh)."""
+"""What isn't a morph any more because the user made it a plain mesh, or a curve or points (Object >
+Convert)."""
 
 import contextlib
 
 import bpy
 import pointmorph
 
+from ..data.arrays import SHAPE_TYPES
 from . import as_shown, morph_object, path_display, slider_keys
 
 
 def forget_changed(depsgraph):
-    """Makes the objects that were converted just now meshes like any other; whether there were."""
-    changed = [update.id.original for update in depsgraph.updates]
+    """Makes the objects that were converted just now objects like any other; whether there were."""
+    # Blender calls this at every step of a drag, maybe of thousands of objects.
+    changed = [one.id.original for one in depsgraph.updates if one.is_updated_geometry]
     found = [obj for obj in changed if isinstance(obj, bpy.types.Object) and _is_converted(obj)]
     for obj in found:
         _forget(obj)
@@ -18,7 +21,7 @@ def forget_changed(depsgraph):
 
 
 def _is_converted(obj):
-    if obj.type != "MESH" or obj.mode == "EDIT" or not obj.is_editable or obj.is_evaluated:
+    if obj.mode == "EDIT" or not obj.is_editable:
         return False
     knows = obj.pointmorph.keeps_faces or obj.pointmorph.recipe or obj.pointmorph.source is not None
     return bool(knows) and not morph_object.is_made(obj)
@@ -30,7 +33,7 @@ def _forget(obj):
         _let_go(points, obj)
     as_shown.forget_morph(obj)
     _remove_drivers(obj, lambda curve: not _is_there(obj, curve.data_path))
-    if obj.data.users == 1 and obj.data.is_editable:
+    if obj.type in SHAPE_TYPES and obj.data.users == 1 and obj.data.is_editable:
         path_display.write(obj.data, (), ())
         attribute = obj.data.attributes.get(morph_object.ROW)
         if attribute is not None:

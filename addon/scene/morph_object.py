@@ -25,17 +25,19 @@ _ATTRIBUTES = {"row": "INT", "normal": "FLOAT_VECTOR", "color": "FLOAT_COLOR", "
 
 def is_result(obj):
     """Whether an object is a morph object of pairs."""
-    is_mesh = obj is not None and obj.type == "MESH"
-    return is_mesh and ROW in obj.data.attributes and _moves(obj)
+    return _moves(obj) and ROW in obj.data.attributes
 
 
 def is_made(obj):
     """Whether an object is a morph object, of pairs or with the source's faces."""
-    return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces and _moves(obj))
+    return is_result(obj) or (_moves(obj) and obj.pointmorph.keeps_faces)
 
 
 def _moves(obj):
-    """Whether it wasn't made a plain mesh (Object > Convert), which has neither keys nor nodes."""
+    """Whether it wasn't converted (Object > Convert): a plain mesh has neither keys nor nodes, and
+    anything else is no mesh."""
+    if obj is None or obj.type != "MESH":
+        return False
     return obj.data.shape_keys is not None or path_display.modifier_of(obj) is not None
 
 

@@ -1,9 +1,19 @@
-"""Morphs that the user makes plain meshes (Object > Convert > Mesh)."""
+"""Morphs that the user makes plain meshes, or no meshes (Object > Convert)."""
 
 import bpy
 import numpy as np
 import pytest
-from scenes import coordinates, morph, pair, recompute, select, set_t, surface_of
+from scenes import (
+    add_mesh,
+    coordinates,
+    morph,
+    pair,
+    patch,
+    recompute,
+    select,
+    set_t,
+    surface_of,
+)
 
 pytestmark = pytest.mark.interface
 
@@ -52,6 +62,51 @@ def test_it_is_no_morph_any_more(addon, shown, keep):
     left = {a.name for a in made.data.attributes if a.name.startswith(("path", "source_"))}
     assert not left
     assert addon("operators.made_objects").made_object(bpy.context) != made
+
+
+@pytest.mark.parametrize("kind", ["CURVE", "GREASEPENCIL", "POINTCLOUD"])
+def test_what_is_no_mesh_any_more_is_no_morph(addon, mesh, kind):
+    """Looking at it ended every panel, in Blenders that make points or strokes of it."""
+    kinds = bpy.ops.object.convert.get_rna_type().properties["target"].enum_items
+    if kind not in kinds:
+        pytest.skip(f"this Blender converts to {', '.join(kinds.keys())}")
+    points = mesh.pointmorph.made_from
+    select(mesh)
+    assert bpy.ops.object.convert(target=kind) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    made = bpy.context.view_layer.objects.active
+    assert made.type == kind
+    known = made.pointmorph
+    assert (known.state, known.keeps_faces, known.recipe) == ("", False, "")
+    assert (known.source, known.made_from) == (None, None)
+    assert drivers(made) == []
+    assert addon("operators.made_objects").made_object(bpy.context) == points
+    assert addon("scene.morph_object").shown_of(points) == points
+    recompute(points)
+    assert points.pointmorph.state == "CURRENT"
+    left = addon("scene.left_copies")
+    left._look()
+    left._stop()
+
+
+def test_what_is_only_moved_is_not_looked_at(addon, monkeypatch):
+    """Thousands of objects may be dragged at once."""
+    obj = add_mesh("Prop", *patch(4))
+    bpy.context.view_layer.update()
+    asked = []
+    monkeypatch.setattr(addon("scene.converted"), "_is_converted", asked.append)
+    obj.location.x += 1
+    bpy.context.view_layer.update()
+    assert asked == []
+    obj.data.update()
+    bpy.context.view_layer.update()
+    assert asked == [obj]
+
+
+def test_points_leave_an_empty_mesh(settings):
+    settings.show_as = "POINTS"
+    pair(14, 12)
+    assert not len(convert(morph()).data.vertices)
 
 
 def test_it_keeps_its_form(mesh):
