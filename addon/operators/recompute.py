@@ -50,7 +50,7 @@ class Recomputing(Computing):
         `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        placement.give_back(*morph_object.made_with(obj))
+        self._lost = placement.give_back(*morph_object.made_with(obj))
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
@@ -89,6 +89,8 @@ class Recomputing(Computing):
             raise
         for words in recipes.gone_words(obj).values() if self._plan.missing else ():
             self.report({"WARNING"}, f"{words}. The points stored in the morph were used")
+        for words in self._lost:
+            self.report({"WARNING"}, f"Applied transforms were lost: {words}")
         for warning in said:
             self.report({"WARNING"}, warning)
         return obj

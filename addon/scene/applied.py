@@ -28,7 +28,7 @@ def matrix_of(obj):
     """(4, 4): what was applied to a morph object since it was made, or None: from where its points
     were to where they are."""
     noted = remembered.noted(obj.pointmorph.noted)
-    if noted is None or obj.data.shape_keys is None or obj.mode == "EDIT":
+    if noted is None or obj.data.shape_keys is None or obj.data.is_editmode:
         return None
     before, now = [], []
     for key, places in zip(_ends(obj), noted, strict=True):

@@ -41,23 +41,46 @@ def settle(context, obj):
 
 def give_back(*objects):
     """Gives morph objects the transforms that were applied to them: they look the same, but their
-    points are where they were made. An object that something else moves than the user keeps them.
+    points are where they were made.
+
+    Returns
+    -------
+    list of str
+        Which keep them, in words: something else than the user moves them, or they would have to be
+        sheared.
     """
+    kept = []
     for obj in objects:
         matrix, users = applied.matrix_of(obj), morph_object.users_of(obj)
-        if matrix is None or not obj.data.is_editable or not all(map(is_free, users)):
+        if matrix is None or not obj.data.is_editable:
             continue
-        back = np.linalg.inv(matrix)
-        for key in obj.data.shape_keys.key_blocks:
-            arrays.write_key(key, transforms.move_positions(back, arrays.key_positions(key)))
-        arrays.move_vertices(obj.data, arrays.key_positions(obj.data.shape_keys.reference_key))
-        for user in users:
-            put(user, matrix_of(user) @ matrix)
-            for child in user.children:
-                if child.parent_type == "OBJECT":  # it stays, as when Blender applies
-                    moved = back @ np.array(child.matrix_parent_inverse)
-                    child.matrix_parent_inverse = Matrix(moved.tolist())
-            user.update_tag()
+        if not all(map(is_free, users)):
+            kept.append(f'something else than you moves "{obj.name}"')
+        elif any(_is_sheared(np.array(user.matrix_basis) @ matrix) for user in users):
+            kept.append(f'with its own, they shear "{obj.name}"')
+        else:
+            _give_back(obj, users, matrix)
+    return kept
+
+
+def _is_sheared(matrix):
+    """Whether a (4, 4) matrix is more than a place, a rotation and a scale."""
+    axes = matrix[:3, :3] / np.maximum(np.linalg.norm(matrix[:3, :3], axis=0), 1e-30)
+    return np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3
+
+
+def _give_back(obj, users, matrix):
+    back = np.linalg.inv(matrix)
+    for key in obj.data.shape_keys.key_blocks:
+        arrays.write_key(key, transforms.move_positions(back, arrays.key_positions(key)))
+    arrays.move_vertices(obj.data, arrays.key_positions(obj.data.shape_keys.reference_key))
+    for user in users:
+        put(user, matrix_of(user) @ matrix)
+        for child in user.children:
+            if child.parent_type == "OBJECT":  # it stays, as when Blender applies
+                moved = back @ np.array(child.matrix_parent_inverse)
+                child.matrix_parent_inverse = Matrix(moved.tolist())
+        user.update_tag()
 
 
 def shift(positions, origin, positions_now, origin_now):

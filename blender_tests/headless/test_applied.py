@@ -50,7 +50,13 @@ def turn(obj):
 
 
 @pytest.mark.parametrize(
-    "chosen", [{}, {"location": False}, {"location": False, "rotation": False}]
+    "chosen",
+    [
+        {},
+        {"location": False},
+        {"location": False, "rotation": False},
+        {"location": False, "scale": False},
+    ],
 )
 @pytest.mark.parametrize("moved", [False, True])
 def test_recompute_leaves_what_was_applied_where_it_is(shown, chosen, moved):
@@ -80,6 +86,67 @@ def test_applied_twice_and_moved_in_between(shown):
     before = seen(shown)
     recompute(shown)
     np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+
+
+def show_again(shown):
+    kind = "MESH" if shown.pointmorph.keeps_faces else "POINTS"
+    assert bpy.ops.pointmorph.show_as(kind=kind) == {"FINISHED"}
+
+
+def test_what_would_shear_it_is_lost_and_said(shown, capfd):
+    """Whatever else is pressed leaves it as it looks."""
+    shown.rotation_euler.z += 0.7
+    apply(shown)
+    shown.scale.x = 3
+    before = seen(shown)
+    show_again(shown)
+    np.testing.assert_array_equal(seen(shown), before)
+    capfd.readouterr()
+    recompute(shown)
+    said = 'Applied transforms were lost: with its own, they shear "Hill to Dune"'
+    assert said in capfd.readouterr().out
+    assert shown.pointmorph.state == "CURRENT"
+
+
+def test_what_was_applied_to_an_animated_morph_is_lost_and_said(shown, capfd):
+    turn(shown)
+    apply(shown)
+    shown.keyframe_insert("location", frame=1)
+    before = seen(shown)
+    show_again(shown)
+    np.testing.assert_array_equal(seen(shown), before)
+    capfd.readouterr()
+    recompute(shown)
+    said = 'Applied transforms were lost: something else than you moves "Hill to Dune"'
+    assert said in capfd.readouterr().out
+    assert shown.pointmorph.state == "CURRENT"
+
+
+def test_a_mirrored_morph_shows_the_same_side(settings):
+    settings.show_as = "MESH"
+    pair(14, 12)
+    shown = morph()
+    shown.scale.x = -1
+    before = seen(shown)
+    apply(shown)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+    assert shown.data.polygons[0].normal.z > 0.5
+
+
+def test_nothing_is_given_back_while_a_twin_is_edited(settings):
+    """Alt D shares the points, and Edit Mode writes them when it ends."""
+    settings.show_as = "MESH"
+    pair(14, 12)
+    shown = morph()
+    shown.scale.x = 2
+    apply(shown)
+    select(shown)
+    bpy.ops.object.duplicate(linked=True)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.context.view_layer.objects.active = shown
+    show_again(shown)
+    assert tuple(shown.scale) == (1, 1, 1)
 
 
 def test_a_flat_morph(settings):
