@@ -8,7 +8,7 @@ import pointmorph.base.option_table
 
 from ..core import path_stages, transforms
 from ..data import arrays
-from . import morph_object, recipes
+from . import applied, morph_object, recipes
 
 
 def meant(path, settings):
@@ -111,6 +111,13 @@ def source_ways(obj):
     if len(start) != rows.max() + 1 or not _same(
         transforms.move_positions(matrix, start)[rows], known
     ):
+        if applied.matrix_of(obj) is not None:
+            raise pointmorph.CloudError(
+                obj.name,
+                "points where they were made",
+                "others: transforms were applied to it",
+                "Recompute.",
+            )
         raise pointmorph.CloudError(
             source.name,
             f'the mesh "{obj.name}" was made from',

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import morph, pair, recompute, select, set_t, shown_points, surface_of
+from scenes import error_of, morph, pair, recompute, select, set_t, shown_points, surface_of
 
 pytestmark = pytest.mark.interface
 
@@ -120,6 +120,20 @@ def test_what_was_applied_to_an_animated_morph_is_lost_and_said(shown, capfd):
     said = 'Applied transforms were lost: something else than you moves "Hill to Dune"'
     assert said in capfd.readouterr().out
     assert shown.pointmorph.state == "CURRENT"
+
+
+def test_what_cannot_be_baked_onto_the_source_is_said(settings):
+    """The source was said to have changed."""
+    pair(14, 12)
+    obj = morph()
+    turn(obj)
+    apply(obj)
+    obj.keyframe_insert("location", frame=1)
+    said = error_of(bpy.ops.pointmorph.bake_shape_keys, kind="SOURCE")
+    assert "Hill to Dune: expected points where they were made" in said
+    assert "Recompute." in said
+    recompute(obj)
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE") == {"FINISHED"}
 
 
 def test_a_mirrored_morph_shows_the_same_side(settings):
