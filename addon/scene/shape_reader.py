@@ -174,7 +174,7 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, chosen):
     yield
     marks, kept = yield from masks.read_steps(mesh, groups, chosen)
     if mesh != obj.data:
-        marks = _meant(obj, marks, edges)
+        marks = yield from _meant_steps(obj, marks, edges)
     return Shape(
         name=obj.name,
         positions=positions,
@@ -188,17 +188,16 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, chosen):
     )
 
 
-def _meant(obj, marks, edges):
-    """The features of a mesh that modifiers have changed, without what they have doubled."""
+def _meant_steps(obj, marks, edges):
+    """The features of a mesh that modifiers have changed, without what they have doubled; a
+    generator that yields often and returns them."""
     doubled = {name for name, found in marks.items() if is_doubled(found)}
     groups = {index: name for index, name in feature_groups(obj).items() if name in doubled}
     if not groups:
         return marks
     own_edges = arrays.mesh_edges(obj.data)
-    return marks | {
-        name: meant(own, own_edges, marks[name], edges)
-        for name, own in arrays.vertex_groups(obj.data, groups).items()
-    }
+    marked = yield from arrays.vertex_group_steps(obj.data, groups)
+    return marks | {name: meant(own, own_edges, marks[name], edges) for name, own in marked.items()}
 
 
 def _read_cloud(obj, cloud):

@@ -340,6 +340,14 @@ def test_what_is_no_path(addon, edges, rows):
     assert addon("core.features").chain(np.array(rows), edges) is None
 
 
+def test_a_path_that_is_merged_with_its_mirror_image_is_one(addon):
+    own = np.array([0, 1, 2]), np.ones(3)
+    whole = np.array([0, 1, 2, 5, 6]), np.ones(5)
+    edges = np.array([(0, 1), (1, 2), (2, 5), (5, 6)])
+    rows, _ = addon("core.features").meant(own, edges[:2], whole, edges)
+    np.testing.assert_array_equal(rows, whole[0])
+
+
 def test_paths(addon):
     chain = addon("core.features").chain
     edges = np.array([(3, 7), (7, 1), (1, 5), (5, 3), (5, 9)], np.int32)
