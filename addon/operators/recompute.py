@@ -50,7 +50,12 @@ class Recomputing(Computing):
         `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        self._lost = placement.give_back(*morph_object.made_with(obj))
+        kept = placement.give_back(*morph_object.made_with(obj))
+        self._lost = [f"Applied transforms were lost: {words}" for words in kept]
+        for one in dict.fromkeys((obj, morph_object.shown_of(obj))):
+            added = morph_object.vertices_added(one)
+            if added > 0:
+                self._lost.append(f'"{one.name}" lost the {added} vertices that were added to it')
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
@@ -89,9 +94,7 @@ class Recomputing(Computing):
             raise
         for words in recipes.gone_words(obj).values() if self._plan.missing else ():
             self.report({"WARNING"}, f"{words}. The points stored in the morph were used")
-        for words in self._lost:
-            self.report({"WARNING"}, f"Applied transforms were lost: {words}")
-        for warning in said:
+        for warning in (*self._lost, *said):
             self.report({"WARNING"}, warning)
         return obj
 

@@ -62,13 +62,18 @@ def made_with(obj):
 def is_edited(obj):
     """Whether a morph object has more or fewer vertices than it was made with: something was joined
     to it or separated from it, say."""
+    return vertices_added(obj) != 0
+
+
+def vertices_added(obj):
+    """How many vertices more than it was made with a morph object has, or fewer, below 0."""
     recipe = recipes.recipe_of(obj)
     if "points" not in recipe or obj.mode == "EDIT":
-        return False
+        return 0
+    now = len(obj.data.vertices)
     if obj.pointmorph.keeps_faces:
-        return len(obj.data.vertices) != recipe["points"][0]
-    report = recipes.report_of(obj) or {}
-    return report.get("pairs", len(obj.data.vertices)) != len(obj.data.vertices)
+        return now - recipe["points"][0]
+    return now - (recipes.report_of(obj) or {}).get("pairs", now)
 
 
 def is_beside(mesh, obj):

@@ -35,16 +35,26 @@ def separate(obj):
     return made
 
 
-def test_what_was_joined_makes_it_out_of_date(shown):
+@pytest.mark.parametrize("kind", ["MESH", "POINTS"])
+def test_what_was_joined_makes_it_out_of_date(settings, kind, capfd):
+    """Recompute says that it took it away."""
+    settings.show_as = kind
+    pair(14, 12)
+    shown = morph()
     other = add_mesh("Hat", *patch(4))
+    added, whole = len(other.data.vertices), len(shown.data.vertices)
     select(other)
     shown.select_set(True)
     bpy.context.view_layer.objects.active = shown
     assert bpy.ops.object.join() == {"FINISHED"}
     assert shown.pointmorph.state == "STALE"
     assert shown.pointmorph.stale == '"Hill to Dune" has other vertices than it was made with'
+    capfd.readouterr()
     recompute(shown)
+    said = f'"Hill to Dune" lost the {added} vertices that were added to it'
+    assert capfd.readouterr().out.count(said) == 1
     assert shown.pointmorph.state == "CURRENT"
+    assert len(shown.data.vertices) == whole
 
 
 def test_what_was_separated_stays_as_it_is(shown, capfd):
