@@ -65,7 +65,7 @@ def report(text):
         usable = all(isinstance(place["advice"], str) for place in places)
         usable = usable and all(_is_row(place["source"]) for place in found["worst"])
         usable = usable and all(_are_numbers(place["position"], 3) for place in mesh["worst"])
-        usable = usable and isinstance(mesh["verdict"], str)
+        usable = usable and isinstance(mesh["verdict"], str) and _is_row(found.get("pairs", 0))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         return None
     return found if usable else None
