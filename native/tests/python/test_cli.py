@@ -222,6 +222,8 @@ def test_features_of_every_kind(pair: Path) -> None:
         (["morph", "plane.off", "bump.off", "--out", "plane.off"], 1, "plane.off"),
         ([*PAIR, "--out", "o", "--features", "bad.json"], 1, "JSON"),
         ([*PAIR, "--out", "o", "--features", "odd.json"], 1, "nose"),
+        ([*PAIR, "--out", "o", "--features", "twice.json"], 1, "'nose' twice in one object"),
+        ([*PAIR, "--out", "o", "--stagger-overlap", "0.3"], 2, "--stagger KIND"),
         (
             [*PAIR, "--out", "o", "--features", "odd.json", "--samples", "999"],
             1,
@@ -233,6 +235,7 @@ def test_wrong_calls_say_what_to_do(
     pair: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], status: int, word: str
 ) -> None:
     monkeypatch.chdir(pair)
+    (pair / "twice.json").write_text('{"features": {"nose": [5, 7], "nose": [8, 9]}}')
     (pair / "bad.json").write_text("{")
     (pair / "odd.json").write_text('{"features": {"nose": [99999, 0]}}')
     done = run(*arguments)

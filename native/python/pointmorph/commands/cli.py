@@ -365,6 +365,13 @@ def _check_frames(chosen: argparse.Namespace) -> None:
             "mesh", "--frames N, as there is a mesh for each frame", "no frames",
             "Add it: 2 for both ends.",
         )  # fmt: skip
+    if not chosen.stagger or chosen.stagger == "none":
+        how = [name for name in _settings(chosen) if name.startswith("stagger_")]
+        if how:
+            raise OptionError(
+                how[0], "--stagger KIND, which it is about", "none",
+                "Add it, or leave this out.",
+            )  # fmt: skip
 
 
 def _said(

@@ -61,11 +61,21 @@ def check_claims(path: Path, suffix: str) -> None:
 
 
 def parsed_json(text: str | bytes) -> Any:
-    """What JSON says. Raises ValueError where it isn't JSON, also where it is nested too deeply."""
+    """What JSON says. Raises ValueError where it isn't JSON, also where it is nested too deeply, or
+    where an object has a name twice."""
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_each_once)
     except RecursionError:
         raise ValueError("lists nested too deep to be read") from None
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice!r} twice in one object")
+    return content
 
 
 def json_object(path: Path, expected: str, syntax: str = "") -> dict[str, Any]:
