@@ -13,6 +13,7 @@
 #include "registration/divided_components.hpp"
 #include "registration/lost_parts.hpp"
 #include "registration/part_on_whole.hpp"
+#include "surface/plugged_loops.hpp"
 
 namespace pointmorph {
 
@@ -24,9 +25,9 @@ RefinementCloud cloud_of(const PreparedShape& shape, NeighborSource neighbors,
             neighbors == NeighborSource::kPrepared ? &shape.nearest : nullptr, ends};
 }
 
-double border_length(const PreparedShape& shape) {
+double border_length(const PreparedShape& shape, std::span<const BoundaryLoop> loops) {
     double length = 0.0;
-    for (const BoundaryLoop& loop : *shape.loops) length += loop_length(shape.positions, loop);
+    for (const BoundaryLoop& loop : loops) length += loop_length(shape.positions, loop);
     return length / std::sqrt(estimated_area(shape.positions, shape.nearest));
 }
 
@@ -36,18 +37,21 @@ struct Ends {
 };
 
 Ends ends_of(const PreparedShape& source, const PreparedShape& target) {
-    const auto rows_of = [](const PreparedShape& shape) {
+    const auto rows_of = [](std::span<const BoundaryLoop> loops) {
         std::vector<Index> rows;
-        for (const BoundaryLoop& loop : *shape.loops)
-            rows.insert(rows.end(), loop.begin(), loop.end());
+        for (const BoundaryLoop& loop : loops) rows.insert(rows.end(), loop.begin(), loop.end());
         std::ranges::sort(rows);
         return rows;
     };
     if (!source.loops || !target.loops) return {};
-    const double of_source = border_length(source), of_target = border_length(target);
+    const auto open = [](const PreparedShape& shape) {
+        return unplugged_loops(shape.positions, shape.nearest, *shape.loops, shape.topology.labels);
+    };
+    const std::vector<BoundaryLoop> its = open(source), others = open(target);
+    const double of_source = border_length(source, its), of_target = border_length(target, others);
     Ends ends;
-    if (goes_on(of_source, of_target)) ends.source = rows_of(source);
-    if (goes_on(of_target, of_source)) ends.target = rows_of(target);
+    if (goes_on(of_source, of_target)) ends.source = rows_of(its);
+    if (goes_on(of_target, of_source)) ends.target = rows_of(others);
     return ends;
 }
 

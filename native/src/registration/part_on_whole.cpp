@@ -399,6 +399,8 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
     constexpr double kMuchBetter = 0.75, kBetter = 0.9;
     const bool has_part = source.ends.empty() != target.ends.empty();
     RefinementOptions options = given;
+    // How a part lies says nothing of where it belongs, unless it is like nothing of the whole.
+    if (has_part) options.pose.as_given = 1.0;
     const auto onto_all = [&] {
         return PartOrWhole{refine(source, target, features, options, progress, start)};
     };
