@@ -23,13 +23,15 @@ constexpr double kBlocked = 4.0;  // makes an ear worse than any that isn't bloc
 constexpr Index kPoll = 256;
 
 /// How good a triangle is as a piece of a polygon that faces along `normal`: its height over its
-/// longest side, negative where it lies against the polygon.
+/// longest side, negative where it lies against the polygon. Always finite, so that it can be
+/// compared, whatever the positions are.
 double piece_quality(const Positions& p, const Ear& t, const Vector3& normal) {
     const Eigen::RowVector3d doubled = doubled_area(p, t[0], t[1], t[2]);
     const double longest = std::max({(p.row(t[1]) - p.row(t[0])).squaredNorm(),
                                      (p.row(t[2]) - p.row(t[1])).squaredNorm(),
                                      (p.row(t[0]) - p.row(t[2])).squaredNorm()});
-    return longest > 0.0 ? doubled.dot(normal) / longest : 0.0;
+    const double quality = longest > 0.0 ? doubled.dot(normal) / longest : 0.0;
+    return std::isfinite(quality) ? quality : 0.0;
 }
 
 /// Whether a corner lies in a triangle of others, seen along `normal`.
@@ -40,25 +42,28 @@ bool lies_in(const Positions& p, const Ear& t, Index corner, const Vector3& norm
     return true;
 }
 
-/// Newell's, of length 1, or 0 if there is none.
+/// Newell's, of length 1, or 0 if there is none, as where positions aren't finite.
 Vector3 polygon_normal(const Positions& positions, std::span<const Index> corners) {
     Vector3 normal = Vector3::Zero();  // twice the area seen from each axis
     for (std::size_t k = 1; k + 1 < corners.size(); ++k)
         normal += doubled_area(positions, corners[0], corners[k], corners[k + 1]).transpose();
     normal.normalize();  // stays zero where it is
-    return normal;
+    return normal.allFinite() ? normal : Vector3::Zero();
 }
 
-/// The corners that are left, by how far they lie along a direction in the polygon's plane.
+/// The corners that are left, by how far they lie along a direction in the polygon's plane. It is
+/// none of the axes', along which sides of many corners often lie, all of them equally far.
 class SweptCorners {
 public:
     SweptCorners(const Positions& p, std::span<const Index> corners, const Vector3& normal)
         : along_(corners.size()), is_gone_(corners.size(), 0), order_(corners.size()) {
         Eigen::Index least = 0;
         normal.cwiseAbs().minCoeff(&least);
-        const Vector3 direction = normal.cross(Vector3::Unit(least));
+        const Vector3 axis = normal.cross(Vector3::Unit(least));
+        const Vector3 direction = axis + 0.618 * normal.cross(axis);
         for (std::size_t k = 0; k < corners.size(); ++k) {
-            along_[k] = p.row(corners[k]).dot(direction.transpose());
+            const double its = (p.row(corners[k]) - p.row(corners[0])).dot(direction.transpose());
+            along_[k] = std::isfinite(its) ? its : 0.0;
             order_[k] = to_index(k);
         }
         std::ranges::sort(order_, {}, [&](Index k) { return std::pair(along_[to_size(k)], k); });
@@ -183,7 +188,6 @@ public:
             if (blocked_by_[k] != kGone) left.push_back(corners_[k]);
         return left;
     }
-    const Vector3& normal() const { return normal_; }
 
 private:
     static constexpr Index kGone = -2;
@@ -250,9 +254,9 @@ std::vector<Ear> triangulate(const Positions& positions, std::span<const Index> 
     std::vector<Ear> triangles;
     triangles.reserve(corners.size() - 2);
     std::vector<Index> ring(corners.begin(), corners.end());
-    if (ring.size() > 3) {
+    if (ring.size() > 4) {
         ClippedPolygon polygon(positions, corners);
-        if (ring.size() > 4) polygon.compare_all(progress);
+        polygon.compare_all(progress);
         for (std::size_t size = ring.size(); size > 4; --size) {
             if (size % kPoll == 0) progress.report(0.0);
             const Index ear = polygon.best();
@@ -260,7 +264,9 @@ std::vector<Ear> triangulate(const Positions& positions, std::span<const Index> 
             polygon.clip(ear);
         }
         ring = polygon.left();
-        const std::size_t k = last_ear(positions, ring, polygon.normal());
+    }
+    if (ring.size() == 4) {
+        const std::size_t k = last_ear(positions, ring, polygon_normal(positions, corners));
         triangles.push_back({ring[(k + 3) % 4], ring[k], ring[(k + 1) % 4]});
         ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(k));
     }

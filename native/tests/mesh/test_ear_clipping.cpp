@@ -135,6 +135,39 @@ TEST(EarClipping, CoversAnOutlineOfManyCorners) {
     EXPECT_NEAR(sum, whole.norm(), 1e-9);
 }
 
+TEST(EarClipping, CutsEachCornerOnceWhereNumbersAreNone) {
+    Progress silent;
+    constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+    constexpr double kEndless = std::numeric_limits<double>::infinity();
+    constexpr Index kCount = 300;
+    for (const double number : {kNone, kEndless, -kEndless, 1e160, 1e308})
+        for (const Index every : {1, 2, 7, 100}) {
+            Positions p = gear(kCount, 7, 0.5);
+            for (Index k = 0; k < kCount; k += every) p(k, k % 3) = number;
+            const auto triangles = triangulate(p, in_order(kCount), silent);
+            ASSERT_EQ(to_index(triangles.size()), kCount - 2);
+            std::vector<int> times(to_size(kCount), 0);
+            for (const Triangle& t : triangles) ++times[to_size(t[1])];
+            EXPECT_EQ(std::ranges::count(times, 1), kCount - 2) << number << " " << every;
+        }
+}
+
+TEST(EarClipping, CutsASquareOfManyCorners) {
+    Progress silent;
+    constexpr Index kSide = 2500;
+    Positions p = Positions::Zero(4 * kSide, 3);
+    for (Index k = 0; k < kSide; ++k) {
+        const double at = static_cast<double>(k) / kSide;
+        p.row(k) << at, 0.0, 0.0;
+        p.row(kSide + k) << 1.0, at, 0.0;
+        p.row(2 * kSide + k) << 1.0 - at, 1.0, 0.0;
+        p.row(3 * kSide + k) << 0.0, 1.0 - at, 0.0;
+    }
+    double sum = 0.0;
+    for (const Triangle& t : triangulate(p, in_order(4 * kSide), silent)) sum += doubled(p, t).z();
+    EXPECT_NEAR(sum, 2.0, 1e-9);
+}
+
 TEST(EarClipping, StopsWithinAPolygon) {
     const Positions p = gear(3000, 9, 0.3);
     int questions = 0;
