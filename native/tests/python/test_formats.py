@@ -181,6 +181,34 @@ def test_a_polygon_that_is_not_convex_keeps_its_outline(tmp_path: Path, name: st
     assert areas.sum() == pytest.approx(8 + 4 + 8 + 4)  # the back and three teeth
 
 
+@pytest.mark.parametrize(
+    ("offsets", "corners", "columns", "message"),
+    [
+        ([0, 900000], [0, 1, 2, 3], 3, "offsets: expected rising numbers of 0 to 4"),
+        ([-4, 4], [0, 1, 2, 3], 3, "offsets: "),
+        ([0, 4, 1, 4], [0, 1, 2, 3], 3, "offsets: "),
+        ([], [0, 1, 2, 3], 3, "offsets: "),
+        ([0, 4], [0, 1, 2, 9], 3, "rows 0 to 4, found 0 to 9"),
+        ([0, 4], [0, 1, 2, 4], 2, "a table with 3 columns"),
+    ],
+)
+def test_polygons_that_are_none_are_refused(
+    offsets: list[int], corners: list[int], columns: int, message: str
+) -> None:
+    with pytest.raises(pointmorph.CloudError, match=message):
+        meshes.triangulate(np.zeros((5, columns)), np.array(offsets, np.int64), np.array(corners))
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
+def test_a_polygon_with_a_corner_nowhere_is_read(tmp_path: Path, number: str) -> None:
+    rows = [f"v {number if k == 7 else k} {k * k} 0" for k in range(40)]
+    (tmp_path / "a.obj").write_text("\n".join([*rows, "f " + " ".join(map(str, range(1, 41)))]))
+    shape = formats.read(tmp_path / "a.obj")
+    assert shape.faces is not None
+    assert shape.faces.shape == (38, 3)
+    assert set(shape.faces.ravel().tolist()) == set(range(40))
+
+
 @pytest.mark.parametrize("top", [1, 255])
 def test_an_obj_has_colors_of_vertices(tmp_path: Path, top: int) -> None:
     (tmp_path / "a.obj").write_text(f"v 0 0 0 {top} 0 0\nv 1 0 0 0 {top} 0\nv 1 1 0 0 0 0\n")

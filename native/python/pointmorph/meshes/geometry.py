@@ -196,15 +196,19 @@ def vertex_normals(
     return np.where(lengths > 0.0, normals / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
 
 
+def _check_columns(name: str, rows: npt.NDArray[Any]) -> None:
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise CloudError(
+            name, "a table with 3 columns", f"the shape {rows.shape}", "Pass x, y and z of each."
+        )
+
+
 def check_places(name: str, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Places as an array (N, 3). Raises CloudError unless they are that, and finite."""
     rows = np.asarray(places, np.float64)
     if rows.ndim == 1 and len(rows) in (0, 3):
         rows = rows.reshape(-1, 3)
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise CloudError(
-            name, "a table with 3 columns", f"the shape {rows.shape}", "Pass x, y and z of each."
-        )
+    _check_columns(name, rows)
     finite = np.isfinite(rows).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
@@ -277,7 +281,7 @@ def triangulate(
     Raises
     ------
     CloudError
-        If a corner is a row that there isn't.
+        If a corner is a row that there isn't, or arrays aren't as above.
 
     Examples
     --------
@@ -287,12 +291,21 @@ def triangulate(
     >>> triangulate(dart, np.array([0, 4]), np.arange(4))[0].tolist()
     [[3, 0, 1], [1, 2, 3]]
     """
-    vertices = np.asarray(corners, np.int64)
+    vertices, begins = np.asarray(corners, np.int64), np.asarray(offsets, np.int64)
+    _check_columns("positions", positions)
     check_range("faces", vertices, len(positions))
-    if len(vertices) == 3 * (len(offsets) - 1) and (np.diff(offsets) == 3).all():
+    sizes = np.diff(begins)
+    if not len(begins) or begins[0] < 0 or begins[-1] > len(vertices) or (sizes < 0).any():
+        raise CloudError(
+            "offsets",
+            f"rising numbers of 0 to {len(vertices)}, one more than there are polygons",
+            f"{begins[:1].tolist()} to {begins[-1:].tolist()}",
+            "Pass where the corners of each polygon begin, and where the last ones end.",
+        )
+    if len(vertices) == 3 * len(sizes) and (sizes == 3).all():
         rows = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
     else:
-        faces = np.asarray(offsets, np.int64), vertices.astype(np.int32)
+        faces = begins, vertices.astype(np.int32)
         rows = _triangulate(positions, faces, None).astype(np.int64)
     return vertices[rows], rows
 
