@@ -164,18 +164,13 @@ inline __attribute__((always_inline)) void take_upper_half(Four& numbers, const 
 }
 #endif
 
-/// Four floats in one register, and eight in one of those that newer processors have. For other
-/// compilers a float is a register of one.
+/// Four floats in one register. For other compilers a float is a register of one.
 #if defined(__GNUC__)
 using FourFloats = float __attribute__((vector_size(16)));
-using EightFloats = float __attribute__((vector_size(32)));
 #else
 using FourFloats = float;
-using EightFloats = float;
 #endif
 
-/// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(). Not on Windows:
-/// what GCC spills there to the stack isn't aligned as wide registers need it (its bug 54412).
 /// Sums of products, of `kFactors` numbers of a row each with one of a column: row_starts[r] +
 /// column_starts[c] + Σ factors[kFactors r + k] · columns[stride k + c].
 struct ProductSums {
@@ -183,6 +178,10 @@ struct ProductSums {
     std::size_t stride;  ///< number of columns, a multiple of 32
 };
 
+/// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(), those with
+/// POINTMORPH_FUSED where has_fused_products(), and those with POINTMORPH_WIDEST where
+/// has_widest_registers(); each of them says that the ones before are true as well. Not on Windows:
+/// what GCC spills there to the stack isn't aligned as wide registers need it (its bug 54412).
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
 #define POINTMORPH_WIDE __attribute__((target("avx2")))
 inline bool has_wide_registers() {
@@ -274,7 +273,7 @@ inline bool has_fused_products() {
     return has_wide_registers() && __builtin_cpu_supports("fma");
 }
 inline bool has_widest_registers() {
-    return __builtin_cpu_supports("avx512f");
+    return has_fused_products() && __builtin_cpu_supports("avx512f");
 }
 /// Writes the sums of four rows, one row after the other, and the least of each row. Products
 /// aren't rounded before they are added, so that last digits differ from those of other versions.

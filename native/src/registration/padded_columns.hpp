@@ -38,8 +38,8 @@ POINTMORPH_INLINE void store_three(const Numbers& numbers, double* to) {
     for (int d = 0; d < 3; ++d) to[d] = numbers[d];
 }
 
-/// A matrix of columns x, y and z times a vector, added up as Eigen does it: the third row in
-/// another order.
+/// A matrix of columns x, y and z times a vector, added up as Eigen does it where it rounds each
+/// product: the third row in another order.
 template <class Numbers>
 POINTMORPH_INLINE void multiply(const Numbers& x, const Numbers& y, const Numbers& z,
                                 const double* vector, Numbers& product) {
