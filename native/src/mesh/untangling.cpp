@@ -5,7 +5,9 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <iterator>
 #include <limits>
+#include <unordered_set>
 #include <utility>
 
 #include "mesh/mesh_patches.hpp"
@@ -252,36 +254,36 @@ Values shares_of(const MeshPatch& patch, const ElasticSheet& sheet,
     return result;
 }
 
+/// Of a patch's vertices: which have gone astray since they were at `start`.
+std::vector<Index> strays_of(const MeshPatch& patch, const UntangleOptions& options,
+                             const Positions& start, const Positions& x) {
+    double most = options.most_off;
+    for (const Index v : patch.vertices)
+        most = std::max(most, options.off(v, start.row(v).transpose()));
+    std::vector<Index> strays;
+    std::ranges::copy_if(patch.vertices, std::back_inserter(strays),
+                         [&](Index v) { return options.off(v, x.row(v).transpose()) > most; });
+    return strays;
+}
+
 /// Takes vertices that have gone astray back to where they were at `start`, with those around them;
 /// and where they are more than a few, all of their patch.
-void take_strays_back(const Mesh& mesh, const ElasticSheet& sheet,
-                      const std::vector<MeshPatch>& patches, const UntangleOptions& options,
-                      const Positions& start, Positions& x) {
-    constexpr double kFew = 0.001;  // of a patch's vertices
+void take_strays_back(const Mesh& mesh, const ElasticSheet& sheet, const MeshPatch& patch,
+                      const UntangleOptions& options, const Positions& start, Positions& x) {
+    constexpr double kFew = 0.001;  // of the patch's vertices
     constexpr int kRings = 3;
-    const Values before = options.off(start), now = options.off(x);
-    std::vector<char> may_return(to_size(x.rows()), 0);
-    for (const MeshPatch& patch : patches) {
-        if (patch.vertices.empty()) continue;
-        const double most = std::max(before(patch.vertices).maxCoeff(), options.most_off);
-        std::vector<Index> back;
-        for (const Index v : patch.vertices) {
-            if (now[v] > most)
-                back.push_back(v);
-            else
-                may_return[to_size(v)] = 1;
-        }
-        const auto strays = static_cast<double>(back.size());
-        if (strays > kFew * static_cast<double>(patch.vertices.size())) back = patch.vertices;
-        std::size_t first = 0;
-        for (int ring = 0; ring < kRings; ++ring)
-            for (const std::size_t end = back.size(); first < end; ++first)
-                for (const Index c : sheet.around(back[first]))
-                    for (const Index v : mesh.triangles.row(c / 3))
-                        if (std::exchange(may_return[to_size(v)], 0)) back.push_back(v);
-        for (const Index v : back) x.row(v) = start.row(v);
-        for (const Index v : patch.vertices) may_return[to_size(v)] = 0;
-    }
+    std::vector<Index> back = strays_of(patch, options, start, x);
+    const auto strays = static_cast<double>(back.size());
+    if (strays > kFew * static_cast<double>(patch.vertices.size())) back = patch.vertices;
+    std::unordered_set<Index> taken(back.begin(), back.end());
+    std::size_t first = 0;
+    for (int ring = 0; ring < kRings; ++ring)
+        for (const std::size_t end = back.size(); first < end; ++first)
+            for (const Index c : sheet.around(back[first]))
+                for (const Index v : mesh.triangles.row(c / 3))
+                    if (std::ranges::binary_search(patch.vertices, v) && taken.insert(v).second)
+                        back.push_back(v);
+    for (const Index v : back) x.row(v) = start.row(v);
 }
 
 /// Takes patches back to where they were at `start` where more became worse than better.
@@ -289,7 +291,6 @@ void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                const std::vector<MeshPatch>& patches, const UntangleOptions& options,
                const Positions& start, Positions& x) {
     constexpr double kHardly = 0.002;  // of the area: some samples more or less
-    if (options.off) take_strays_back(mesh, sheet, patches, options, start, x);
     const Positions end = x;
     const Values bare_before = options.bare ? options.bare(start) : Values();
     const Values bare_now = options.bare ? options.bare(end) : Values();
@@ -359,6 +360,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                         x.row(vertex) =
                             (1.0 - share) * before_all.row(to_index(v)) + share * x.row(vertex);
                 }
+                if (options.off) take_strays_back(mesh, sheet, patch, options, start, x);
             }
         },
         0.0, 1.0, 1);

@@ -44,11 +44,12 @@ struct UntangleOptions {
     /// more of it than faces are turned back stay as they were, where this is given; all are judged
     /// with all of them moved.
     std::function<Values(const Positions&)> bare = {};
-    /// How far each vertex is off the target at these places. Where this is given, vertices stay
-    /// where they were, with those around them, that would get farther off than any of their
-    /// surroundings was and than `most_off`; if they aren't few, so do all of these surroundings.
-    /// Planes that cross, as at webs over holes of the target, let vertices go anywhere.
-    std::function<Values(const Positions&)> off = {};
+    /// How far a vertex is off the target at a place; asked by several threads. Where this is
+    /// given, vertices stay where they were, with those around them, that would get farther off
+    /// than any of their surroundings was and than `most_off`; if they aren't few, so do all of
+    /// these surroundings. Planes that cross, as at webs over holes of the target, let vertices go
+    /// anywhere.
+    std::function<double(Index, const Vector3&)> off = {};
     double most_off = 0.05;
 };
 

@@ -290,9 +290,8 @@ private:
             const Index before = left_;
             UntangleOptions untangling;
             if (options_.keep_uncreased) untangling.creases = &creases;
-            untangling.off = [&](const Positions& at) {
-                const WrapPartners near = samples_.partners(at, sides_, WrapTrees::kFine, progress);
-                return Values((near.positions - at).rowwise().norm());
+            untangling.off = [&](Index v, const Vector3& place) {
+                return (samples_.partner(v, place, sides_.row(v).transpose()).first - place).norm();
             };
             if (stays_on_)
                 untangling.bare = [&](const Positions& at) { return bare_by_face(at, progress); };
