@@ -365,6 +365,13 @@ TEST(Pose, UnlikeShapesStayAsTheyWereGiven) {
     PoseOptions without;
     without.unlike = 0.0;
     EXPECT_GT(turned(without), 1.0);
+
+    // Where only the finest maps show how little they have in common, maps are chosen anew.
+    Progress progress;
+    const Candidate best = find_pose({ring, egg}, without, {}, progress).best;
+    PoseOptions late;
+    late.alike = 0.8 * best.misfit.energy() * best.unlikeness;
+    EXPECT_LT(turned(late), 0.2);
 }
 
 /// A dish of revolution about the z axis, its wall as thick as `wall`, in √area.
