@@ -419,15 +419,17 @@ struct MeshMotion::Bend {
     double locality(Index f, int rings) const {
         constexpr double kSmall = 0.05, kMuch = 0.1;
         const double whole = mesh.part_areas[mesh.parts[to_size(mesh.triangles(f, 0))]];
-        std::set<Index> inside{f};
+        std::set<Index> inside{f}, passed;
         std::vector<Index> front{f};
         double area = mesh.areas[f];
         for (int ring = 0; ring < rings && area < kMuch * whole; ++ring) {
             std::vector<Index> next;
             for (const Index face : front)
-                for (Index k = 0; k < 3; ++k)
-                    for (const Index c : sheet.around(mesh.triangles(face, k)))
+                for (const Index v : mesh.triangles.row(face)) {
+                    if (!passed.insert(v).second) continue;  // all around it are inside
+                    for (const Index c : sheet.around(v))
                         if (inside.insert(c / 3).second) next.push_back(c / 3);
+                }
             for (const Index face : next) area += mesh.areas[face];
             front = std::move(next);
         }
