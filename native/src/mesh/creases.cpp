@@ -1,16 +1,13 @@
 #include "mesh/creases.hpp"
 
-#include <Eigen/Geometry>
-
+#include "mesh/doubled_area.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
 Vector3 Creases::facing(const Positions& x, Index f) const {
     const auto t = mesh_.triangles.row(f);
-    const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
-    const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
-    return u.cross(v);
+    return doubled_area(x, t[0], t[1], t[2]).transpose();
 }
 
 Index Creases::of_face(const Positions& x, Index f) const {

@@ -308,6 +308,7 @@ def _morph(chosen: argparse.Namespace) -> None:
     if chosen.out is None and chosen.save is None:
         raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one or both.")
     _check_frames(chosen)
+    _check_stagger(chosen)
     inputs = [chosen.source, chosen.target, chosen.features]
     if chosen.save is not None:
         spared_inputs.check_file("save", chosen.save, inputs)
@@ -365,13 +366,15 @@ def _check_frames(chosen: argparse.Namespace) -> None:
             "mesh", "--frames N, as there is a mesh for each frame", "no frames",
             "Add it: 2 for both ends.",
         )  # fmt: skip
-    if not chosen.stagger or chosen.stagger == "none":
-        how = [name for name in _settings(chosen) if name.startswith("stagger_")]
-        if how:
-            raise OptionError(
-                how[0], "--stagger KIND, which it is about", "none",
-                "Add it, or leave this out.",
-            )  # fmt: skip
+
+
+def _check_stagger(chosen: argparse.Namespace) -> None:
+    """Refuses settings of a stagger that there isn't."""
+    how = [name for name in _settings(chosen) if name.startswith("stagger_")]
+    if how and chosen.stagger in (None, "none"):
+        raise OptionError(
+            how[0], "--stagger KIND, which it is about", "none", "Add it, or leave this out."
+        )
 
 
 def _said(
