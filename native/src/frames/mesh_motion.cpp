@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <queue>
-#include <set>
 #include <utility>
 
 #include "base/angle.hpp"
@@ -413,25 +412,40 @@ struct MeshMotion::Bend {
         return result;
     }
 
+    /// Which triangles and vertices a walk over the mesh has passed; made when one begins.
+    struct Passed {
+        std::vector<Index> triangles, vertices;  ///< the walk that passed each last
+        Index walk = 0;
+
+        void begin(const Mesh& mesh) {
+            triangles.resize(to_size(mesh.triangles.rows()), 0);
+            vertices.resize(to_size(mesh.positions.rows()), 0);
+            ++walk;
+        }
+        bool pass_triangle(Index f) { return std::exchange(triangles[to_size(f)], walk) != walk; }
+        bool pass_vertex(Index v) { return std::exchange(vertices[to_size(v)], walk) != walk; }
+    };
+
     /// 1 where what gives way around a triangle is a small piece of its part, which the rest holds;
     /// down to 0 where it would be much of the part, as on coarse meshes: nothing would say where
     /// that goes.
-    double locality(Index f, int rings) const {
+    double locality(Index f, int rings, Passed& passed) const {
         constexpr double kSmall = 0.05, kMuch = 0.1;
         const double whole = mesh.part_areas[mesh.parts[to_size(mesh.triangles(f, 0))]];
-        std::set<Index> inside{f}, passed;
-        std::vector<Index> front{f};
+        passed.begin(mesh);
+        passed.pass_triangle(f);
+        std::vector<Index> front{f}, next;
         double area = mesh.areas[f];
         for (int ring = 0; ring < rings && area < kMuch * whole; ++ring) {
-            std::vector<Index> next;
+            next.clear();
             for (const Index face : front)
                 for (const Index v : mesh.triangles.row(face)) {
-                    if (!passed.insert(v).second) continue;  // all around it are inside
+                    if (!passed.pass_vertex(v)) continue;  // all around it are inside
                     for (const Index c : sheet.around(v))
-                        if (inside.insert(c / 3).second) next.push_back(c / 3);
+                        if (passed.pass_triangle(c / 3)) next.push_back(c / 3);
                 }
             for (const Index face : next) area += mesh.areas[face];
-            front = std::move(next);
+            front.swap(next);
         }
         return std::clamp((kMuch - area / whole) / (kMuch - kSmall), 0.0, 1.0);
     }
@@ -442,10 +456,11 @@ struct MeshMotion::Bend {
                                int rings, const Positions& x, Progress& progress) const {
         std::vector<double> result = agreements(onto.normals, facing, x, progress);
         parallel_for(to_index(result.size()), progress, [&](Index begin, Index end) {
+            Passed passed;
             for (Index f = begin; f < end; ++f) {
                 double& share = result[to_size(f)];
                 share = std::clamp((least[to_size(f)] - share) / kSteep, 0.0, 1.0);
-                if (share > 0.0) share *= locality(f, rings);
+                if (share > 0.0) share *= locality(f, rings, passed);
             }
         });
         return result;

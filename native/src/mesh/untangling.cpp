@@ -4,24 +4,18 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <deque>
+#include <functional>
 #include <iterator>
-#include <limits>
 #include <unordered_set>
 #include <utility>
 
 #include "mesh/mesh_patches.hpp"
+#include "mesh/patch_energy.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
 namespace {
-
-Vector3 plane_at(const Mesh& mesh, const WrapPartners& planes, Index f) {
-    Vector3 normal = Vector3::Zero();
-    for (Index k = 0; k < 3; ++k) normal += planes.normals.row(mesh.triangles(f, k)).transpose();
-    return normal;
-}
 
 /// Of the face's normal with the plane's; 0 where either is none.
 double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& x, Index f) {
@@ -32,193 +26,78 @@ double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& 
     return length > 0.0 ? face.dot(plane) / length : 0.0;
 }
 
-/// What is to be least, of the places of a patch's vertices.
-class Energy {
+/// Nocedal's L-BFGS, with steps that make the energy smaller.
+class Descent {
 public:
-    Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
-           const MeshPatch& patch, const UntangleOptions& options, const Positions& start,
-           const Values& shares)
-        : mesh_(mesh), planes_(planes), patch_(patch) {
-        for (const Index f : patch.faces) {
-            const Vector3 normal = plane_at(mesh, planes, f);
-            Face face;
-            const Vector3 n =
-                normal.norm() > 1e-9 ? Vector3(normal.normalized()) : Vector3(Vector3::UnitZ());
-            const Vector3 first = n.unitOrthogonal();
-            face.axes << first.transpose(), n.cross(first).transpose();
-            const Matrix2 sides = options.sides ? options.sides(f) : sheet.metric_sides(f);
-            face.inverse = sides.inverse();
-            face.area = 0.5 * std::abs(sides.determinant());
-            for (Index k = 0; k < 3; ++k) {
-                const Index corner = mesh.triangles(f, k);
-                const auto at = std::ranges::lower_bound(patch.vertices, corner);
-                face.numbers[to_size(k)] = at != patch.vertices.end() && *at == corner
-                                               ? to_index(at - patch.vertices.begin())
-                                               : -1;
+    using Unknowns = PatchEnergy::Unknowns;
+
+    explicit Descent(PatchEnergy& energy) : energy_(energy) {}
+
+    /// From `at` until a step gains less than `tolerance` of the energy. Throws Cancelled.
+    void go(double soft, int most_steps, double tolerance, Unknowns& at, Progress& progress) {
+        remembered_ = 0;
+        double now = energy_(at, soft, gradient_, progress);
+        for (int step = 0; step < most_steps; ++step) {
+            find_way();
+            const double slope = way_.dot(gradient_);
+            if (!(slope < 0.0)) break;
+            double length = remembered_ == 0 ? 1e-3 / std::max(way_.norm(), 1e-30) : 1.0;
+            double then = now;
+            bool better = false;
+            for (int half = 0; half < 20 && !better; ++half, length *= 0.4) {
+                there_ = at + length * way_;
+                then = energy_(there_, soft, next_gradient_, progress);
+                better = then <= now + 1e-4 * length * slope;
             }
-            faces_.push_back(face);
+            if (!better) break;
+            remember(at);
+            const double gained = now - then;
+            at.swap(there_);
+            gradient_.swap(next_gradient_);
+            now = then;
+            if (gained < tolerance * now) break;
         }
-        const double plane_length = options.plane_length;
-        weights_ = Values::Zero(static_cast<Eigen::Index>(patch.vertices.size()));
-        for (const Face& face : faces_)
-            for (const Index v : face.numbers)
-                if (v >= 0) weights_[v] += face.area / 3.0 / (plane_length * plane_length);
-        if (!(options.reach > 0.0)) return;
-        constexpr double kLeast = 0.05;
-        const double scale = plane_length / options.reach;
-        pulls_ = scale * scale * weights_.cwiseQuotient(shares.cwiseMax(kLeast));
-        start_ = start(patch.vertices, Eigen::all);
-    }
-
-    /// The least determinant of a face's map.
-    double least_determinant(const Positions& x) const {
-        double least = std::numeric_limits<double>::infinity();
-        for (std::size_t i = 0; i < faces_.size(); ++i)
-            least = std::min(least, jacobian(i, x).determinant());
-        return least;
-    }
-
-    /// The energy and, where asked for, its gradient; `soft` lets faces pass through zero.
-    double operator()(const Positions& x, double soft, Eigen::VectorXd* gradient) const {
-        double sum = 0.0;
-        if (gradient) gradient->setZero(static_cast<Eigen::Index>(3 * patch_.vertices.size()));
-        for (std::size_t i = 0; i < faces_.size(); ++i) {
-            const Sides in_space = sides_at(i, x) * faces_[i].inverse;
-            const Matrix2 j = jacobian(i, x);
-            const double d = j.determinant(), root = Eigen::Vector2d(soft, d).norm();
-            const double chi = d > 0.0 ? 0.5 * (d + root) : 0.5 * soft * soft / (root - d);
-            const bool is_flat = pulls_.size() == 0;
-            const double bend =
-                (is_flat ? j.squaredNorm() : in_space.squaredNorm()) + kArea * (d * d + 1.0);
-            sum += faces_[i].area * bend / chi;
-            if (!gradient) continue;
-            Matrix2 of_determinant;
-            of_determinant << j(1, 1), -j(1, 0), -j(0, 1), j(0, 0);
-            const double slope = 0.5 * (1.0 + d / root);
-            const double by_root = 2.0 * kArea * d - bend / chi * slope;
-            const auto& axes = faces_[i].axes;
-            const Sides by_jacobian =
-                is_flat
-                    ? Sides(faces_[i].area * axes.transpose() *
-                            Matrix2((2.0 * j + by_root * of_determinant) / chi))
-                    : Sides(faces_[i].area *
-                            (2.0 * in_space + axes.transpose() * (by_root * of_determinant)) / chi);
-            add(*gradient, faces_[i], by_jacobian * faces_[i].inverse.transpose());
-        }
-        for (std::size_t v = 0; v < patch_.vertices.size(); ++v) {
-            const Index vertex = patch_.vertices[v];
-            const Eigen::RowVector3d n = planes_.normals.row(vertex);
-            const double off = (x.row(vertex) - planes_.positions.row(vertex)).dot(n);
-            const auto row = static_cast<Eigen::Index>(v);
-            sum += weights_[row] * off * off;
-            if (gradient)
-                gradient->segment<3>(3 * row) += 2.0 * weights_[row] * off * n.transpose();
-            if (pulls_.size() == 0) continue;
-            const Eigen::RowVector3d way = x.row(vertex) - start_.row(row);
-            sum += pulls_[row] * way.squaredNorm();
-            if (gradient) gradient->segment<3>(3 * row) += 2.0 * pulls_[row] * way.transpose();
-        }
-        return sum;
     }
 
 private:
-    using Sides = Eigen::Matrix<double, 3, 2>;
-    static constexpr double kArea = 1.0;  ///< how much areas count against angles
-
-    struct Face {
-        Eigen::Matrix<double, 2, 3> axes;
-        Matrix2 inverse;
-        double area;
-        std::array<Index, 3> numbers;  ///< of its corners in the patch; −1 for those that stay
+    struct Pair {
+        Unknowns step, change;  ///< of the places, and of the gradient by it
+        double product;         ///< of both
     };
+    static constexpr std::size_t kRemembered = 8;
 
-    Sides sides_at(std::size_t i, const Positions& x) const {
-        const auto t = mesh_.triangles.row(patch_.faces[i]);
-        Sides sides;
-        sides << (x.row(t[1]) - x.row(t[0])).transpose(), (x.row(t[2]) - x.row(t[0])).transpose();
-        return sides;
+    const Pair& latest(std::size_t age) const { return pairs_[(count_ - 1 - age) % pairs_.size()]; }
+
+    void remember(const Unknowns& at) {
+        Pair& pair = pairs_[count_ % pairs_.size()];
+        pair.step = there_ - at;
+        pair.change = next_gradient_ - gradient_;
+        pair.product = pair.step.dot(pair.change);
+        if (!(pair.product > 1e-12 * pair.step.norm() * pair.change.norm())) return;
+        ++count_;
+        remembered_ = std::min(remembered_ + 1, kRemembered);
     }
 
-    Matrix2 jacobian(std::size_t i, const Positions& x) const {
-        return faces_[i].axes * sides_at(i, x) * faces_[i].inverse;
+    void find_way() {
+        way_ = -gradient_;
+        std::array<double, kRemembered> alphas;
+        for (std::size_t age = 0; age < remembered_; ++age) {
+            const Pair& pair = latest(age);
+            alphas[age] = pair.step.dot(way_) / pair.product;
+            way_ -= alphas[age] * pair.change;
+        }
+        if (remembered_ > 0) way_ *= latest(0).product / latest(0).change.squaredNorm();
+        for (std::size_t age = remembered_; age-- > 0;) {
+            const Pair& pair = latest(age);
+            way_ += (alphas[age] - pair.change.dot(way_) / pair.product) * pair.step;
+        }
     }
 
-    static void add(Eigen::VectorXd& gradient, const Face& face, const Sides& by_sides) {
-        const auto put = [&](Index v, const Vector3& g) {
-            if (v >= 0) gradient.segment<3>(3 * v) += g;
-        };
-        put(face.numbers[0], -by_sides.col(0) - by_sides.col(1));
-        put(face.numbers[1], by_sides.col(0));
-        put(face.numbers[2], by_sides.col(1));
-    }
-
-    const Mesh& mesh_;
-    const WrapPartners& planes_;
-    const MeshPatch& patch_;
-    std::vector<Face> faces_;
-    Values weights_;
-    Values pulls_;     ///< toward `start_`; none where nothing pulls
-    Positions start_;  ///< of the patch's vertices
+    PatchEnergy& energy_;
+    std::array<Pair, kRemembered + 1> pairs_;  ///< one more than is remembered: for the next
+    std::size_t count_ = 0, remembered_ = 0;
+    Unknowns gradient_, next_gradient_, way_, there_;
 };
-
-/// A patch's vertices, moved.
-void put(const MeshPatch& patch, const Eigen::VectorXd& unknowns, Positions& x) {
-    for (std::size_t v = 0; v < patch.vertices.size(); ++v)
-        x.row(patch.vertices[v]) =
-            unknowns.segment<3>(3 * static_cast<Eigen::Index>(v)).transpose();
-}
-
-/// Nocedal's L-BFGS, with steps that make the energy smaller.
-void descend(const Energy& energy, const MeshPatch& patch, double soft, int most_steps,
-             double tolerance, Positions& x) {
-    constexpr std::size_t kRemembered = 8;
-    const auto count = to_index(3 * patch.vertices.size());
-    Eigen::VectorXd at(count), gradient(count), next_gradient(count);
-    for (std::size_t v = 0; v < patch.vertices.size(); ++v)
-        at.segment<3>(3 * static_cast<Eigen::Index>(v)) = x.row(patch.vertices[v]).transpose();
-    double now = energy(x, soft, &gradient);
-    std::deque<std::pair<Eigen::VectorXd, Eigen::VectorXd>> history;
-    for (int step = 0; step < most_steps; ++step) {
-        Eigen::VectorXd way = -gradient;
-        std::vector<double> alphas;
-        for (auto h = history.rbegin(); h != history.rend(); ++h) {
-            alphas.push_back(h->first.dot(way) / h->first.dot(h->second));
-            way -= alphas.back() * h->second;
-        }
-        if (!history.empty()) {
-            const auto& [s, y] = history.back();
-            way *= s.dot(y) / y.squaredNorm();
-        }
-        for (auto h = history.begin(); h != history.end(); ++h) {
-            way += (alphas.back() - h->second.dot(way) / h->first.dot(h->second)) * h->first;
-            alphas.pop_back();
-        }
-        double slope = way.dot(gradient);
-        if (!(slope < 0.0)) break;
-        double length = history.empty() ? 1e-3 / std::max(way.norm(), 1e-30) : 1.0;
-        double then = now;
-        Eigen::VectorXd there;
-        bool better = false;
-        for (int half = 0; half < 20 && !better; ++half, length *= 0.4) {
-            there = at + length * way;
-            put(patch, there, x);
-            then = energy(x, soft, &next_gradient);
-            better = then <= now + 1e-4 * length * slope;
-        }
-        if (!better) break;
-        const Eigen::VectorXd s = there - at, y = next_gradient - gradient;
-        if (s.dot(y) > 1e-12 * s.norm() * y.norm()) {
-            history.emplace_back(s, y);
-            if (history.size() > kRemembered) history.pop_front();
-        }
-        const double gained = now - then;
-        at = there;
-        gradient = next_gradient;
-        now = then;
-        if (gained < tolerance * now) break;
-    }
-    put(patch, at, x);
-}
 
 /// Of faces: how far bad faces within so many rings take them along.
 std::vector<double> shares_of(const Mesh& mesh, const ElasticSheet& sheet,
@@ -314,6 +193,45 @@ void take_back(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     }
 }
 
+/// Where the vertices of a patch have the least energy.
+PatchEnergy::Unknowns least_of(PatchEnergy& energy, const UntangleOptions& options,
+                               Progress& progress) {
+    constexpr double kHard = 1e-3, kRough = 1e-6, kExact = 1e-13;
+    constexpr double kMostExact = 1000.0, kMostFaces = 1e7;  // steps; faces, as often as they move
+    const Progress::Part part(progress, 0.0, 0.0);
+    Descent descent(energy);
+    PatchEnergy::Unknowns at = energy.start();
+    double least = energy.least_determinant(at);
+    for (int round = 0; round < options.most_rounds; ++round) {
+        const double below = std::min(least, 0.0);
+        descent.go(std::sqrt(kHard * kHard + 0.04 * below * below), options.most_steps, kRough, at,
+                   progress);
+        const double before = std::exchange(least, energy.least_determinant(at));
+        if (least > 0.0 || (round > 2 && least <= before)) break;
+    }
+    if (options.is_exact) {
+        const double most = std::min(kMostExact, kMostFaces / static_cast<double>(energy.faces()));
+        descent.go(kHard, static_cast<int>(most), kExact, at, progress);
+    }
+    return at;
+}
+
+/// Large patches one after the other, each on all threads; small ones side by side.
+void for_all(const std::vector<MeshPatch>& patches,
+             const std::function<void(const MeshPatch&, Progress&)>& work, Progress& progress) {
+    constexpr std::size_t kLarge = 8000;  // faces
+    std::vector<const MeshPatch*> small;
+    for (const MeshPatch& patch : patches) {
+        if (patch.vertices.empty()) continue;
+        if (patch.faces.size() < kLarge)
+            small.push_back(&patch);
+        else
+            work(patch, progress);
+    }
+    parallel_each(to_index(small.size()), progress,
+                  [&](Index p, Progress& its) { work(*small[to_size(p)], its); });
+}
+
 }  // namespace
 
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
@@ -335,35 +253,27 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     const bool may_worsen = options.creases || options.bare || options.off;
     const Positions start = may_worsen ? x : Positions();
     const std::vector<double> of_faces = shares_of(mesh, sheet, bad, options);
-    parallel_for(
-        to_index(patches.size()), progress,
-        [&](Index begin, Index end) {
-            for (Index p = begin; p < end; ++p) {
-                const MeshPatch& patch = patches[to_size(p)];
-                if (patch.vertices.empty()) continue;
-                const Values shares = shares_of(patch, sheet, of_faces);
-                const Positions before_all = x(patch.vertices, Eigen::all);
-                const Energy energy(mesh, sheet, planes, patch, options, x, shares);
-                double least = energy.least_determinant(x);
-                constexpr double kHard = 1e-3, kRough = 1e-6, kExact = 1e-13;
-                for (int round = 0; round < options.most_rounds; ++round) {
-                    const double below = std::min(least, 0.0);
-                    descend(energy, patch, std::sqrt(kHard * kHard + 0.04 * below * below),
-                            options.most_steps, kRough, x);
-                    const double before = std::exchange(least, energy.least_determinant(x));
-                    if (least > 0.0 || (round > 2 && least <= before)) break;
-                }
-                if (options.is_exact) descend(energy, patch, kHard, 1000, kExact, x);
-                for (std::size_t v = 0; v < patch.vertices.size(); ++v) {
-                    const Index vertex = patch.vertices[v];
-                    if (const double share = shares[to_index(v)]; share < 1.0)
-                        x.row(vertex) =
-                            (1.0 - share) * before_all.row(to_index(v)) + share * x.row(vertex);
-                }
-                if (options.off) take_strays_back(mesh, sheet, patch, options, start, x);
-            }
-        },
-        0.0, 1.0, 1);
+    const auto turn_back_in = [&](const MeshPatch& patch, Progress& its) {
+        const Values shares = shares_of(patch, sheet, of_faces);
+        PatchEnergy energy(
+            mesh, planes, patch,
+            {.sides =
+                 [&](Index f) { return options.sides ? options.sides(f) : sheet.metric_sides(f); },
+             .plane_length = options.plane_length,
+             .reach = options.reach,
+             .shares = shares},
+            x);
+        const PatchEnergy::Unknowns ends = least_of(energy, options, its);
+        for (Index v = 0; v < shares.size(); ++v) {
+            auto place = x.row(patch.vertices[to_size(v)]);
+            const Eigen::RowVector3d there = ends.segment<3>(3 * v).transpose();
+            place = shares[v] < 1.0
+                        ? Eigen::RowVector3d((1.0 - shares[v]) * place + shares[v] * there)
+                        : there;
+        }
+        if (options.off) take_strays_back(mesh, sheet, patch, options, start, x);
+    };
+    for_all(patches, turn_back_in, progress);
     if (may_worsen) take_back(mesh, sheet, planes, patches, options, start, x);
     return to_index(std::ranges::count_if(
         bad, [&](Index f) { return agreement(mesh, planes, x, f) < options.least_agreement; }));

@@ -1,11 +1,8 @@
 #include "registration/pose_trials.hpp"
 
-#include <chrono>
 #include <limits>
 #include <memory>
 #include <random>
-#include <string_view>
-#include <thread>
 #include <utility>
 
 #include "base/angle.hpp"
@@ -243,29 +240,12 @@ Trial ended(const PoseSearch& search, const Begun& half, Progress& progress) {
     return with_likeness(search, rest.ended(progress));
 }
 
-/// `make(given, its)` of all of them, side by side. `its` lets the callback of `progress` speak on
-/// the thread that called, and throws Cancelled where that has asked for the end.
+/// `make(given, its)` of all of them, side by side.
 template <class Made, class Given, class Make>
 std::vector<Made> each(const Given& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
-    const std::thread::id caller = std::this_thread::get_id();
-    try {
-        parallel_for(
-            to_index(given.size()), progress,
-            [&](Index begin, Index end) {
-                const bool is_caller = std::this_thread::get_id() == caller;
-                Progress its(
-                    [&](std::string_view, double) {
-                        return is_caller ? progress.poll() : !progress.cancelled();
-                    },
-                    std::chrono::milliseconds(0));
-                for (Index k = begin; k < end; ++k) made[to_size(k)] = make(given[to_size(k)], its);
-            },
-            0.0, 1.0, 1);
-    } catch (const Cancelled&) {
-        progress.throw_if_cancelled();  // perhaps what the callback threw
-        throw;
-    }
+    parallel_each(to_index(given.size()), progress,
+                  [&](Index k, Progress& its) { made[to_size(k)] = make(given[to_size(k)], its); });
     return made;
 }
 

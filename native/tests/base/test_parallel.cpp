@@ -158,6 +158,29 @@ TEST_P(ParallelFor, CancelEndsItWithinAChunk) {
     }
 }
 
+TEST_P(ParallelFor, RowsThatTakeLongEndWhereTheyAsk) {
+    for (const int threads : {1, 3}) {
+        const ThreadCount scope(threads);
+        int calls = 0;
+        Progress progress([&](std::string_view, double) { return ++calls < 5; }, 0ms);
+        std::atomic<int> begun{0}, ended{0};
+        const auto run = [&] {
+            parallel_each(threads, progress, [&](Index, Progress& its) {
+                ++begun;
+                for (int round = 0; round < 100000; ++round) {
+                    its.report(0.5);
+                    std::this_thread::sleep_for(20us);
+                }
+                ++ended;
+            });
+        };
+        EXPECT_THROW(run(), Cancelled);
+        EXPECT_GT(begun, 0);
+        EXPECT_EQ(ended, 0);
+        EXPECT_EQ(calls, 5);
+    }
+}
+
 TEST_P(ParallelFor, ACallbackThatThrowsEndsItToo) {
     Progress progress([](std::string_view, double) -> bool { throw std::domain_error("mine"); });
     const auto run = [&] {

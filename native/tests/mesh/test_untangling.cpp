@@ -2,10 +2,17 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <functional>
+#include <numeric>
 #include <random>
+#include <string_view>
 
+#include "mesh/mesh_patches.hpp"
+#include "mesh/patch_energy.hpp"
 #include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 namespace {
@@ -124,6 +131,89 @@ TEST(Untangling, LeavesWhatIsAroundAFewStrays) {
     EXPECT_GT(changed, 10);
     EXPECT_LT(changed, 49);  // three rings
     EXPECT_LT(sheet.turned(kept), sheet.turned(x));
+}
+
+/// A sheet all of which gives way: every vertex is moved at random.
+struct Crumpled : Sheet {
+    Positions x;
+
+    explicit Crumpled(int side) {
+        mesh = make_mesh(mesh_shapes::grid(side));
+        sheet = ElasticSheet(mesh.positions, mesh.triangles, progress);
+        planes = {mesh.positions, Normals::Zero(mesh.positions.rows(), 3)};
+        planes.normals.col(2).setOnes();
+        is_fixed.assign(to_size(mesh.positions.rows()), 0);
+        x = mesh.positions;
+        std::mt19937_64 random(5);
+        std::normal_distribution<double> normal;
+        for (Index v = 0; v < x.rows(); ++v)
+            x.row(v) += 0.5 / side * Eigen::RowVector3d(normal(random), normal(random), 0.0);
+    }
+    void untangle_all(int threads, Progress& asked) {
+        const ThreadCount scope(threads);
+        untangle(mesh, sheet, planes, is_fixed, {}, x, asked);
+    }
+};
+
+TEST(Untangling, OfAMeshInOnePatchDoesntDependOnThreads) {
+    Crumpled one(70), three(70);  // 9,800 triangles
+    const Index before = one.turned(one.x);
+    one.untangle_all(1, one.progress);
+    three.untangle_all(3, three.progress);
+    EXPECT_EQ(one.x, three.x);
+    EXPECT_LT(one.turned(one.x), before / 4);
+}
+
+TEST(Untangling, EndsWhereItIsAskedToInAPatch) {
+    for (const int side : {30, 70}) {  // on one thread, and on all
+        Crumpled whole(side);
+        int calls = 0;
+        Progress counted([&](std::string_view, double) { return ++calls > 0; },
+                         std::chrono::milliseconds(0));
+        whole.untangle_all(2, counted);
+        EXPECT_GT(calls, 100);  // hundreds of steps
+        Crumpled ended(side);
+        int left = 20;
+        Progress cancelled([&](std::string_view, double) { return --left > 0; },
+                           std::chrono::milliseconds(0));
+        EXPECT_THROW(ended.untangle_all(2, cancelled), Cancelled);
+        EXPECT_EQ(left, 0);
+    }
+}
+
+TEST(PatchEnergy, HasTheGradientOfItsValues) {
+    Crumpled sheet(4);
+    sheet.planes.normals.col(0).setConstant(0.3);
+    sheet.planes.normals.rowwise().normalize();
+    std::vector<Index> faces(to_size(sheet.mesh.triangles.rows()));
+    std::iota(faces.begin(), faces.end(), 0);
+    sheet.is_fixed[12] = 1;
+    const MeshPatch patch =
+        patches_around(sheet.mesh, sheet.sheet, faces, sheet.is_fixed, 0).front();
+    ASSERT_EQ(patch.vertices.size(), 24u);
+    sheet.x.row(6) += Eigen::RowVector3d(0.5, 0.3, 0.0);  // folded, so that all terms count
+    for (const double reach : {0.0, 0.1}) {
+        PatchEnergy energy(sheet.mesh, sheet.planes, patch,
+                           {.sides = [&](Index f) { return sheet.sheet.metric_sides(f); },
+                            .plane_length = 0.02,
+                            .reach = reach,
+                            .shares = Values::Constant(24, 0.5)},
+                           sheet.x);
+        EXPECT_LT(energy.least_determinant(energy.start()), 0.0);
+        PatchEnergy::Unknowns at = energy.start(), gradient, ignored;
+        for (Index i = 0; i < at.size(); ++i) at[i] += 0.01 * ((7 * i) % 5 - 2);
+        energy(at, 0.3, gradient, sheet.progress);
+        const double step = 1e-6;
+        for (Index i = 0; i < at.size(); ++i) {
+            PatchEnergy::Unknowns more = at, less = at;
+            more[i] += step;
+            less[i] -= step;
+            const double slope = (energy(more, 0.3, ignored, sheet.progress) -
+                                  energy(less, 0.3, ignored, sheet.progress)) /
+                                 (2.0 * step);
+            EXPECT_NEAR(gradient[i], slope, 1e-5 * gradient.norm());
+        }
+    }
 }
 
 TEST(Untangling, NeverMakesMoreOfThem) {

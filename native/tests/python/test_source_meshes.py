@@ -206,6 +206,33 @@ def test_a_denser_obj_carries_uvs_and_groups(tmp_path: Path) -> None:
     )
 
 
+def test_a_denser_obj_of_polygons_of_any_size(tmp_path: Path) -> None:
+    angles = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(2000)], axis=1)
+    lines = [f"v {x} {y} {z}\n" for x, y, z in [*ring, (0, 0, 1)]]
+    for number in range(0, 2000, 2):  # one face of many corners among others
+        lines.append(f"f {number + 1} {number + 2} 2001\n")
+        if number == 1000:
+            lines.append("g disk\nf " + " ".join(str(row + 1) for row in range(2000)) + "\ng\n")
+    (tmp_path / "cone.obj").write_text("".join(lines))
+    shape = formats.read(tmp_path / "cone.obj")
+    assert shape.faces is not None
+    mesh = SourceMesh(tmp_path / "cone.obj", shape)
+    a, b, c = shape.faces.T
+    middle = len(shape.positions) + np.arange(len(a))
+    faces = np.stack([[a, middle, c], [middle, b, c]], axis=1).reshape(3, -1).T
+    parents = np.tile(np.arange(len(a)), 2)
+    places = np.vstack([shape.positions, 0.5 * (shape.positions[a] + shape.positions[b])])
+    mesh.denser = DenserMesh(faces, parents, np.stack([a, b], axis=1), places, places)
+    mesh.write(tmp_path / "denser.obj", places)
+    written = (tmp_path / "denser.obj").read_text()
+    disk = written.partition("g disk\n")[2].partition("g\n")[0].splitlines()
+    assert len(disk) == 2 * 1998
+    corners = {int(word) for line in disk for word in line.split()[1:]}
+    assert (places[np.array(sorted(corners)) - 1, 2] == 0).all()
+    assert written.count("\nf ") == 2 * len(a)
+
+
 def test_a_denser_glb_carries_uvs(tmp_path: Path) -> None:
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)

@@ -2,12 +2,16 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <concepts>
 #include <exception>
 #include <functional>
 #include <limits>
 #include <mutex>
+#include <string_view>
+#include <thread>
 
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 
@@ -76,6 +80,31 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
     run_team(count > chunk ? std::numeric_limits<int>::max() : 1, TeamWork(work));
     if (failure) std::rethrow_exception(failure);
     progress.throw_if_cancelled();
+}
+
+/// Calls `body(i, its)` for i in [0, count), on all threads: rows that take long, each by itself.
+/// `its` lets the callback of `progress` speak on the calling thread, at any time, and throws
+/// Cancelled on all of them where that has asked for the end. Rethrows as parallel_for() does.
+template <std::invocable<Index, Progress&> Body>
+void parallel_each(Index count, Progress& progress, Body&& body) {
+    const std::thread::id caller = std::this_thread::get_id();
+    try {
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                const bool is_caller = std::this_thread::get_id() == caller;
+                Progress its(
+                    [&](std::string_view, double) {
+                        return is_caller ? progress.poll() : !progress.cancelled();
+                    },
+                    std::chrono::milliseconds(0));
+                for (Index i = begin; i < end; ++i) body(i, its);
+            },
+            0.0, 1.0, 1);
+    } catch (const Cancelled&) {
+        progress.throw_if_cancelled();  // perhaps what the callback threw
+        throw;
+    }
 }
 
 /// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are

@@ -74,18 +74,6 @@ class DenserMesh:
             self.positions, self.positions, self.wrapped, path, progress, faces=self.faces
         )
 
-    def origins(self) -> list[frozenset[int]]:
-        """Of each face, the rows of the mesh's own vertices that it lies between."""
-        count = len(self.positions) - len(self.ends)
-        own = [frozenset([row]) for row in range(count)]
-        for a, b in self.ends.tolist():
-            own.append(own[a] | own[b])
-        merged: dict[int, frozenset[int]] = {}
-        for parent, corners in zip(self.parents.tolist(), self.faces.tolist(), strict=True):
-            whole = own[corners[0]] | own[corners[1]] | own[corners[2]]
-            merged[parent] = merged.get(parent, frozenset()) | whole
-        return [merged[parent] for parent in self.parents.tolist()]
-
     def _generations(self, count: int) -> Iterator[tuple[int, int]]:
         """Rows of further vertices all of which depend on earlier ones only."""
         latest = self.ends.max(axis=1, initial=-1)

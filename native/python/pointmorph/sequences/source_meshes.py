@@ -6,7 +6,6 @@ Vertex order, faces, UVs and whatever else the file holds stay as they are.
 from __future__ import annotations
 
 import io
-import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -132,8 +131,7 @@ def _denser_ply(data: Any, denser: DenserMesh) -> Any:
     polygons = data["face"]
     lists = {p.name for p in polygons.properties if hasattr(p, "len_dtype")}
     corners = "vertex_indices" if "vertex_indices" in lists else "vertex_index"
-    pieces = [len(polygon) - 2 for polygon in polygons.data[corners]]
-    rows = np.repeat(np.arange(len(pieces)), pieces)[denser.parents]
+    rows = _polygon_of_faces([len(polygon) for polygon in polygons.data[corners]], denser)
     kept = [name for name in polygons.data.dtype.names if name not in lists]
     fields = [(name, polygons.data.dtype[name]) for name in kept]
     faces = np.empty(len(rows), [(corners, "i4", (3,)), *fields])
@@ -207,9 +205,9 @@ def _denser_obj(path: Path, positions: FloatArray, denser: DenserMesh) -> Iterat
         if words and words[0] == "f":
             polygons.append([_corner(word, counts) for word in words[1:]])
     uvs = _DenserUvs(texts, denser, counts["v"])
-    by_polygon = _faces_by_polygon(polygons, denser)
+    by_polygon = _faces_by_polygon([len(polygon) for polygon in polygons], denser)
     pieces = [
-        [[uvs.corner(int(row), dict(polygon)) for row in denser.faces[face]] for face in faces]
+        uvs.of_faces(denser.faces[faces].tolist(), dict(polygon))
         for polygon, faces in zip(polygons, by_polygon, strict=True)
     ]
     for place in positions:
@@ -236,21 +234,19 @@ def _corner(word: str, counts: dict[str, int]) -> tuple[int, int | None]:
     return rows[0], rows[1] if len(numbers) > 1 and numbers[1] != 0 else None
 
 
-def _faces_by_polygon(
-    polygons: list[list[tuple[int, int | None]]], denser: DenserMesh
-) -> list[list[int]]:
-    """For each polygon of the file, its faces of the denser mesh."""
-    whole: dict[frozenset[int], list[int]] = {}
-    for number, polygon in enumerate(polygons):
-        for triple in itertools.combinations([vertex for vertex, _ in polygon], 3):
-            whole.setdefault(frozenset(triple), []).append(number)
-    result: list[list[int]] = [[] for _ in polygons]
-    corners = denser.origins()
-    for face, origin in enumerate(corners):
-        found = whole.get(origin)
-        if found:
-            result[found[0]].append(face)
-    return result
+def _faces_by_polygon(sizes: Sequence[int], denser: DenserMesh) -> list[npt.NDArray[np.intp]]:
+    """For each polygon of a file with so many corners, its faces of the denser mesh."""
+    polygons = _polygon_of_faces(sizes, denser)
+    order = np.argsort(polygons, kind="stable")
+    ends = np.cumsum(np.bincount(polygons, minlength=len(sizes)))
+    return np.split(order, ends[:-1])
+
+
+def _polygon_of_faces(sizes: Sequence[int], denser: DenserMesh) -> npt.NDArray[np.int64]:
+    """For each face of the denser mesh, the polygon that it is a piece of."""
+    triangles = np.maximum(np.asarray(sizes, np.int64) - 2, 0)
+    rows: npt.NDArray[np.int64] = np.repeat(np.arange(len(triangles)), triangles)[denser.parents]
+    return rows
 
 
 class _DenserUvs:
@@ -262,16 +258,25 @@ class _DenserUvs:
         self._count = count
         self._between: dict[tuple[int, int], int] = {}
 
-    def corner(self, vertex: int, of_polygon: dict[int, int | None]) -> str:
-        uv = self._row(vertex, of_polygon)
+    def of_faces(
+        self, faces: list[list[int]], of_polygon: dict[int, int | None]
+    ) -> list[list[str]]:
+        """Corners of faces that are pieces of a polygon, which has these UVs at its vertices."""
+        rows = dict(of_polygon)
+        return [[self._corner(vertex, rows) for vertex in face] for face in faces]
+
+    def _corner(self, vertex: int, rows: dict[int, int | None]) -> str:
+        uv = self._row(vertex, rows)
         return f"{vertex + 1}" if uv is None else f"{vertex + 1}/{uv + 1}"
 
-    def _row(self, vertex: int, of_polygon: dict[int, int | None]) -> int | None:
-        if vertex < self._count:
-            return of_polygon.get(vertex)
-        a, b = (self._row(int(end), of_polygon) for end in self._denser.ends[vertex - self._count])
-        if a is None or b is None:
-            return None
+    def _row(self, vertex: int, rows: dict[int, int | None]) -> int | None:
+        """The UV of a vertex in a polygon; `rows` are those that are known, and gets it."""
+        if vertex not in rows:
+            a, b = (self._row(int(end), rows) for end in self._denser.ends[vertex - self._count])
+            rows[vertex] = None if a is None or b is None else self._halfway(a, b)
+        return rows[vertex]
+
+    def _halfway(self, a: int, b: int) -> int:
         ends = (min(a, b), max(a, b))
         if ends not in self._between:
             self._between[ends] = len(self.texts)
