@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/angle.hpp"
 #include "base/quietly.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -358,6 +359,12 @@ void doubt(Diagnostics& diagnostics, double ratio) {
     add(others.target, diagnostics.alternatives.target_rows.size());
 }
 
+/// Whether a map rotates the target far from how it was given.
+bool is_turned(const Refinement& map, const RefinementCloud& source, const PoseOptions& options) {
+    const Similarity implied = fit_similarity(source.positions, map.source_images);
+    return angle_axis(implied.rotation).angle() > options.as_given_angle;
+}
+
 /// The best of the maps onto likely_pieces(); none where there are none. It is doubted for the
 /// others, and where it doesn't fit well.
 std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks& marks,
@@ -396,6 +403,9 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
                                  Progress& progress, const RefinementStart* start) {
     constexpr double kFits = 0.025;      // what a map costs at most of a shape that lacks little
     constexpr double kFitsWell = 0.012;  // none better is looked for
+    // Heads and halves turned any way cost up to .022 on their piece, and .027 or more on any
+    // other.
+    constexpr double kFitsTurned = 0.0245;
     constexpr double kMuchBetter = 0.75, kBetter = 0.9;
     const bool has_part = source.ends.empty() != target.ends.empty();
     RefinementOptions options = given;
@@ -435,6 +445,10 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
         // little: a cheap map may be wrong, too.
         auto best = best_on_piece(*shapes, marks, features, !fits, options, quiet);
         if (!best) return whole;
+        // An open hat fits a piece of a crown or of a turtle as it lies there on its side.
+        if (features.empty() && best->cost > kFitsTurned &&
+            is_turned(best->map, source, options.pose))
+            return whole;
         // Of a shape that is like nothing of the whole, some piece costs less than all of it: heads
         // and halves cost .012 to .017 on theirs, a head or a torus on a piece of the other .054.
         const double dear = std::max(1.0, best->cost / kDear);
