@@ -1,5 +1,7 @@
 #include "mesh/creases.hpp"
 
+#include <utility>
+
 #include "mesh/doubled_area.hpp"
 #include "pointmorph/base/parallel.hpp"
 
@@ -28,9 +30,11 @@ Index Creases::around(const Positions& x, std::span<const Index> faces) const {
 }
 
 Index Creases::across(Index f, Index k) const {
-    const Index end = mesh_.triangles(f, (k + 1) % 3);
+    Index start = mesh_.triangles(f, k), end = mesh_.triangles(f, (k + 1) % 3);
+    // Very many faces may meet at one of both.
+    if (sheet_.around(end).size() < sheet_.around(start).size()) std::swap(start, end);
     Index result = -1;
-    for (const Index c : sheet_.around(mesh_.triangles(f, k))) {
+    for (const Index c : sheet_.around(start)) {
         const auto other = mesh_.triangles.row(c / 3);
         if (c / 3 == f || (other.array() != end).all()) continue;
         if (result >= 0) return -1;
@@ -58,6 +62,7 @@ void take_back(const Mesh& mesh, const ElasticSheet& sheet,
                Progress& progress) {
     const auto count = to_index(mesh.triangles.rows());
     std::vector<char> is_bad(to_size(count), 0), is_due(to_size(count), 1);
+    std::vector<char> is_near(to_size(mesh.positions.rows()), 0);
     for (bool is_any = true; is_any;) {
         is_any = false;
         parallel_for(count, progress, [&](Index begin, Index end) {
@@ -65,14 +70,18 @@ void take_back(const Mesh& mesh, const ElasticSheet& sheet,
                 is_bad[to_size(f)] = is_due[to_size(f)] && is_worse(f);
         });
         is_due.assign(to_size(count), 0);
+        is_near.assign(is_near.size(), 0);
         for (Index f = 0; f < count; ++f) {
             if (!is_bad[to_size(f)]) continue;
             for (const Index v : mesh.triangles.row(f)) {
                 if (!back(v)) continue;
                 is_any = true;
                 for (const Index c : sheet.around(v))
-                    for (const Index w : mesh.triangles.row(c / 3))
+                    for (const Index w : mesh.triangles.row(c / 3)) {
+                        // Once for each vertex, however many faces meet at it.
+                        if (std::exchange(is_near[to_size(w)], 1)) continue;
                         for (const Index d : sheet.around(w)) is_due[to_size(d / 3)] = 1;
+                    }
             }
         }
     }

@@ -15,11 +15,9 @@ namespace pointmorph {
 namespace {
 
 /// Puts the vertices of a patch where the sheet's weights balance between those around them.
-void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, std::vector<Index>& number,
-                   Positions& x) {
+void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, Positions& x) {
     using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
     const auto count = to_index(patch.vertices.size());
-    for (Index i = 0; i < count; ++i) number[to_size(patch.vertices[to_size(i)])] = i;
     const Laplacian& laplacian = sheet.laplacian();
     std::vector<Eigen::Triplet<double, Index>> entries;
     Positions right = Positions::Zero(count, 3);
@@ -29,13 +27,13 @@ void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, std::vecto
         for (Index k = laplacian.offsets[to_size(v)]; k < laplacian.offsets[to_size(v) + 1]; ++k) {
             const Index to = laplacian.neighbors[to_size(k)];
             const double weight = laplacian.weights[to_size(k)];
-            if (number[to_size(to)] >= 0)
-                entries.emplace_back(i, number[to_size(to)], -weight);
+            const auto at = std::ranges::lower_bound(patch.vertices, to);
+            if (at != patch.vertices.end() && *at == to)
+                entries.emplace_back(i, to_index(at - patch.vertices.begin()), -weight);
             else
                 right.row(i) += weight * x.row(to);
         }
     }
-    for (const Index v : patch.vertices) number[to_size(v)] = -1;
     Matrix matrix(count, count);
     matrix.setFromTriplets(entries.begin(), entries.end());
     const Eigen::SimplicialLDLT<Matrix> solver(matrix);
@@ -113,15 +111,12 @@ private:
         parallel_for(
             to_index(patches.size()), progress,
             [&](Index begin, Index end) {
-                std::vector<Index> number(to_size(x_.rows()), -1);
-                for (Index p = begin; p < end; ++p) {
-                    const MeshPatch& patch = patches[to_size(p)];
-                    if (patch.vertices.empty()) continue;
-                    span_membrane(sheet_, patch, number, x_);
-                    land(patch);
-                }
+                for (Index p = begin; p < end; ++p)
+                    if (!patches[to_size(p)].vertices.empty())
+                        span_membrane(sheet_, patches[to_size(p)], x_);
             },
             0.0, 0.0, 1);
+        land(patches, progress);
         tree_.move(x_, progress);
         const std::vector<double> then = farthest(patches, nearest, progress);
         constexpr double kBarelyMore = 1.05;
@@ -145,13 +140,24 @@ private:
         return most;
     }
 
-    void land(const MeshPatch& patch) {
-        std::vector<Vector3> landed;
-        for (const Index v : patch.vertices)
-            landed.push_back(
-                target_.landed(v, x_.row(v).transpose(), normal_at(sheet_, creases_, x_, v)));
-        for (std::size_t i = 0; i < patch.vertices.size(); ++i)
-            x_.row(patch.vertices[i]) = landed[i].transpose();
+    /// A patch may be most of the mesh.
+    void land(const std::vector<MeshPatch>& patches, Progress& progress) {
+        std::vector<Index> vertices;
+        for (const MeshPatch& patch : patches)
+            vertices.insert(vertices.end(), patch.vertices.begin(), patch.vertices.end());
+        std::vector<Vector3> landed(vertices.size());
+        parallel_for(
+            to_index(vertices.size()), progress,
+            [&](Index begin, Index end) {
+                for (auto i = to_size(begin); i < to_size(end); ++i) {
+                    const Index v = vertices[i];
+                    landed[i] = target_.landed(v, x_.row(v).transpose(),
+                                               normal_at(sheet_, creases_, x_, v));
+                }
+            },
+            0.0, 0.0, 64);
+        for (std::size_t i = 0; i < vertices.size(); ++i)
+            x_.row(vertices[i]) = landed[i].transpose();
     }
 
     const Mesh& mesh_;

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "base/grouped.hpp"
+#include "cloud/closed_length.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/sampling.hpp"
@@ -101,7 +102,11 @@ std::vector<BorderSide> sides_along(const Mesh& mesh, const std::vector<Index>& 
     std::vector<BorderSide> sides;
     for (std::size_t i = 0; i < loop.size(); ++i) {
         const Index from = loop[i], to = loop[(i + 1) % loop.size()];
-        for (const Index f : around[to_size(from)])
+        // Very many faces may meet at one of both.
+        const auto& both = around[to_size(from)].size() <= around[to_size(to)].size()
+                               ? around[to_size(from)]
+                               : around[to_size(to)];
+        for (const Index f : both)
             for (Index k = 0; k < 3; ++k)
                 if (mesh.triangles(f, k) == from && mesh.triangles(f, (k + 1) % 3) == to) {
                     sides.push_back({f, k});
@@ -197,8 +202,10 @@ private:
         PartCandidates from;
         add_kept(part, from);
         const double spacing = std::sqrt(mesh_.part_areas[part] / even);
-        if (!mesh_.borders.empty())
-            for (const Index b : borders_of_[part]) add_border(to_size(b), spacing, from);
+        if (!mesh_.borders.empty()) {
+            const double apart = distance_along_borders(part, even, spacing);
+            for (const Index b : borders_of_[part]) add_border(to_size(b), apart, from);
+        }
         if (options_.even) add_sharp_edges(part, even, spacing, edges, from.places);
         from.fixed = from.places.size();
         const Index count = std::max(even, from.fixed);
@@ -249,7 +256,17 @@ private:
         }
     }
 
-    /// Kept places along the border, and between them points as far apart as samples.
+    /// As far apart as samples, but where borders are so long for the area, as those of slivers and
+    /// of very many faces that meet at one vertex, that hardly anything else would be sampled.
+    double distance_along_borders(Index part, Index even, double spacing) const {
+        constexpr double kMost = 16.0, kFew = 64.0;  // points along borders for each other sample
+        double length = 0.0;
+        for (const Index b : borders_of_[part])
+            length += closed_length(mesh_.positions, mesh_.borders[to_size(b)]);
+        return std::max(spacing, length / (kMost * even + kFew));
+    }
+
+    /// Kept places along the border, and between them points so far apart.
     void add_border(std::size_t which, double spacing, PartCandidates& from) const {
         const std::vector<Index>& loop = mesh_.borders[which];
         const std::vector<BorderSide> sides = sides_along(mesh_, loop, around_);

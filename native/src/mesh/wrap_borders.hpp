@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mesh/block_system.hpp"
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/mesh/mesh.hpp"
@@ -16,7 +17,8 @@ class WrapBorders {
 public:
     /// A border of the mesh goes with the border of the target (`borders`, closed polygons in the
     /// lengths of `start`) that lies nearest to where it starts, if most of it lies near.
-    WrapBorders(const Mesh& mesh, const Positions& start, const std::vector<Positions>& borders);
+    WrapBorders(const Mesh& mesh, const Positions& start, const std::vector<Positions>& borders,
+                Progress& progress);
 
     /// Draws places on borders to the lines that they go with, not along them, over `length`.
     void draw(const Positions& x, double length, std::vector<SymmetricBlock>& blocks,
@@ -27,6 +29,9 @@ public:
 
 private:
     struct Line;
+    /// The line that most of a border's places lie near to, or null.
+    const Line* nearest_line(const Positions& places) const;
+
     struct Matched {
         std::vector<Index> places;  ///< in order
         const Line* line;

@@ -38,6 +38,34 @@ Normals smoothed(const OrientedPoints& points, Progress& progress) {
     return now;
 }
 
+/// How many places of a part of the mesh lie nearest to samples of a part of the target.
+struct Vote {
+    Index part, target, places;
+};
+
+/// All but those of no place, by part and target: of very many parts, most have nothing to do with
+/// each other.
+std::vector<Vote> votes_of(const Mesh& mesh, const Positions& start, const Positions& samples,
+                           const std::vector<Index>& parts) {
+    const KdTree<3> tree(samples);
+    std::vector<std::array<Index, 2>> all;
+    for (Index p = 0; p < mesh.positions.rows(); ++p) {
+        if (mesh.parts[to_size(p)] < 0) continue;
+        Index nearest = 0;
+        double squared = 0.0;
+        tree.nearest(start.row(p).data(), {&nearest, 1}, {&squared, 1});
+        all.push_back({mesh.parts[to_size(p)], parts[to_size(nearest)]});
+    }
+    std::ranges::sort(all);
+    std::vector<Vote> votes;
+    for (const auto& [part, target] : all) {
+        if (votes.empty() || votes.back().part != part || votes.back().target != target)
+            votes.push_back({part, target, 0});
+        ++votes.back().places;
+    }
+    return votes;
+}
+
 }  // namespace
 
 std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
@@ -48,27 +76,29 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
     if (parts.empty()) return result;
     const Index targets = 1 + *std::ranges::max_element(parts);
     if (count == 1 && targets == 1) return result;
-    const KdTree<3> tree(samples);
-    Eigen::MatrixXd votes = Eigen::MatrixXd::Zero(count, targets);
-    for (Index p = 0; p < mesh.positions.rows(); ++p) {
-        if (mesh.parts[to_size(p)] < 0) continue;
-        Index nearest = 0;
-        double squared = 0.0;
-        tree.nearest(start.row(p).data(), {&nearest, 1}, {&squared, 1});
-        votes(mesh.parts[to_size(p)], parts[to_size(nearest)]) += 1.0;
+    const std::vector<Vote> votes = votes_of(mesh, start, samples, parts);
+    std::vector<Index> of_part(to_size(count), 0), most_for(to_size(targets), 0);
+    for (const Vote& vote : votes) {
+        of_part[to_size(vote.part)] += vote.places;
+        most_for[to_size(vote.target)] = std::max(most_for[to_size(vote.target)], vote.places);
     }
     // A bottle that becomes a lamp is its foot and its shade as well, which nothing else becomes.
-    const auto becomes = [&](Index part, Index target) {
-        return votes(part, target) > kMuch * votes.row(part).sum() &&
-               votes(part, target) == votes.col(target).maxCoeff();
+    const auto becomes = [&](const Vote& vote) {
+        return vote.places > kMuch * of_part[to_size(vote.part)] &&
+               vote.places == most_for[to_size(vote.target)];
     };
-    for (Index part = 0; part < count; ++part) {
-        Index best = 0;
-        const double most = votes.row(part).maxCoeff(&best);
-        bool is_one = most > kMost * votes.row(part).sum();
-        for (Index target = 0; is_one && target < targets; ++target)
-            is_one = target == best || !becomes(part, target);
-        if (is_one) result[to_size(part)] = best;
+    for (auto first = votes.begin(); first != votes.end();) {
+        const Index part = first->part;
+        const auto last =
+            std::find_if(first, votes.end(), [&](const Vote& vote) { return vote.part != part; });
+        const auto best = std::max_element(
+            first, last, [](const Vote& a, const Vote& b) { return a.places < b.places; });
+        const bool is_one = best->places > kMost * of_part[to_size(part)] &&
+                            std::none_of(first, last, [&](const Vote& vote) {
+                                return vote.target != best->target && becomes(vote);
+                            });
+        if (is_one) result[to_size(part)] = best->target;
+        first = last;
     }
     return result;
 }
@@ -134,9 +164,14 @@ const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progr
     const std::vector<Index>& labels = kind == kCoarse ? target_.coarse_parts : target_.fine_parts;
     if (kind == kCoarse && smooth_.rows() == 0) smooth_ = smoothed(samples, progress);
     std::vector<Index> rows;
-    if (part >= 0)
-        for (std::size_t i = 0; i < labels.size(); ++i)
-            if (labels[i] == part) rows.push_back(to_index(i));
+    if (part >= 0) {
+        Grouped<Index>& of_parts = rows_[kind];
+        if (of_parts.size() == 0)
+            of_parts = Grouped<Index>(1 + *std::ranges::max_element(labels), [&](auto&& take) {
+                for (std::size_t i = 0; i < labels.size(); ++i) take(labels[i], to_index(i));
+            });
+        if (part < of_parts.size()) rows.assign(of_parts[part].begin(), of_parts[part].end());
+    }
     progress.report(0.0);
     tree = kind == kCoarse ? std::make_unique<Tree>(samples.positions, smooth_, std::move(rows),
                                                     scale_, kCoarseNormals)

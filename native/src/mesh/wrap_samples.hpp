@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/grouped.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -49,6 +50,7 @@ private:
     const WrapTarget& target_;
     double scale_;
     Normals smooth_;                               ///< of the coarse samples, once asked for
+    Grouped<Index> rows_[2];                       ///< of each part, once asked for
     std::vector<std::unique_ptr<Tree>> trees_[2];  ///< of all, then by part
 };
 

@@ -89,7 +89,7 @@ public:
           x_(std::move(start)),
           sheet_(mesh.positions, mesh.triangles, progress, 1.0 / std::sqrt(mesh.area())),
           samples_(mesh, x_, ground.on_mesh, ground.trees),
-          borders_(mesh, x_, scaled(ground.trees.target().borders, scale_)),
+          borders_(mesh, x_, scaled(ground.trees.target().borders, scale_), progress),
           tree_(x_, mesh.triangles, progress),
           rigid_(mesh, holds.rigid),
           fixed_(holds.fixed),

@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "mesh_shapes.hpp"
+#include "processor_time.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -54,6 +56,33 @@ TEST(WrapSamples, LetAPartBeSeveralThatNothingElseBecomes) {
     EXPECT_EQ(kept({{70, 15, 15}, {100, 0, 0}}), (std::vector<Index>{-1, 0}));
     EXPECT_EQ(kept({{70, 0, 30}, {0, 100, 0}}), (std::vector<Index>{-1, 1}));
     EXPECT_EQ(kept({{92, 0, 8}, {0, 100, 0}}), (std::vector<Index>{0, 1}));
+}
+
+TEST(WrapSamples, KeepVeryManyPartsInNoTimeToAsMany) {
+    SKIP_WHERE_WATCHED();
+    constexpr Index kMany = 3000;
+    Cloud cloud;
+    cloud.positions.resize(3 * kMany, 3);
+    for (Index f = 0; f < kMany; ++f) {
+        cloud.positions.middleRows(3 * f, 3) << f, 0, 0, f + 0.5, 0, 0, f, 0.5, 0;
+        mesh_shapes::add_face(cloud.faces, {3 * f, 3 * f + 1, 3 * f + 2});
+    }
+    const Mesh mesh = make_mesh(cloud);
+    std::vector<Index> own, shared;
+    for (const Index part : mesh.parts) {
+        own.push_back(part);
+        shared.push_back(part % 2);
+    }
+    const auto time = [&](const std::vector<Index>& parts) {
+        return processor_time([&] {
+            const std::vector<Index> kept =
+                parts_kept_to(mesh, mesh.positions, mesh.positions, parts);
+            for (std::size_t part = 0; part < kept.size(); ++part)
+                EXPECT_EQ(kept[part], parts == own ? to_index(part) : to_index(part) % 2);
+        });
+    };
+    // With each part compared with all, it is some thousand times as long.
+    EXPECT_LT(time(own), 20.0 * time(shared));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <random>
@@ -478,6 +479,27 @@ TEST(Wrapping, MendsCreasesWithWhatIsAround) {
         if (before(v, 2) >= 0.0) continue;
         EXPECT_EQ(ball.x.row(v), before.row(v));
     }
+}
+
+TEST(Wrapping, MendsNoMoreOfAPatchOnceItIsCancelled) {
+    Crumpled ball;
+    std::mt19937_64 random(5);
+    std::normal_distribution<double> normal(0.0, 0.06);
+    for (Index v = 0; v < ball.x.rows(); ++v)  // all of it is one patch
+        ball.x.row(v) += Eigen::RowVector3d(normal(random), normal(random), normal(random));
+    std::atomic<int> landed{0};
+    ball.target.landed = [&](Index, const Vector3& place, const Vector3&) {
+        ++landed;
+        return place;
+    };
+    Progress progress([&](std::string_view, double) { return landed == 0; },
+                      std::chrono::milliseconds(0));
+    TriangleTree tree(ball.x, ball.mesh.triangles, ball.progress);
+    const ThreadCount one(1);
+    EXPECT_THROW(mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress),
+                 Cancelled);
+    EXPECT_GT(landed, 0);
+    EXPECT_LT(landed, ball.x.rows() / 2);
 }
 
 TEST(Wrapping, MendsOnlyWhatStaysCovered) {

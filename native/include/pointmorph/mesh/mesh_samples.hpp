@@ -56,7 +56,8 @@ Index sample_count(const Mesh& mesh);
 
 /// Blue noise over the faces (see blue_noise()), part by part, at the same density but for small
 /// parts; `kept` places are among them, and so are points along all borders, as far apart as the
-/// others. Both sides of a thin sheet get their own. `mesh` has triangles.
+/// others, farther only where there is next to no area for their length. Both sides of a thin sheet
+/// get their own. `mesh` has triangles.
 MeshSamples sample_mesh(const Mesh& mesh, std::span<const Index> kept,
                         const MeshSampleOptions& options, Progress& progress);
 
