@@ -102,11 +102,7 @@ std::vector<BorderSide> sides_along(const Mesh& mesh, const std::vector<Index>& 
     std::vector<BorderSide> sides;
     for (std::size_t i = 0; i < loop.size(); ++i) {
         const Index from = loop[i], to = loop[(i + 1) % loop.size()];
-        // Very many faces may meet at one of both.
-        const auto& both = around[to_size(from)].size() <= around[to_size(to)].size()
-                               ? around[to_size(from)]
-                               : around[to_size(to)];
-        for (const Index f : both)
+        for (const Index f : around[to_size(from)])
             for (Index k = 0; k < 3; ++k)
                 if (mesh.triangles(f, k) == from && mesh.triangles(f, (k + 1) % 3) == to) {
                     sides.push_back({f, k});

@@ -17,6 +17,15 @@ struct Box {
     double distance(const Box& other) const {
         return (other.lower - upper).cwiseMax(lower - other.upper).cwiseMax(0.0).norm();
     }
+    /// Whether places lie farther from it than this in the mean, or from anything in it.
+    bool is_beyond(double mean, const Positions& places) const {
+        constexpr double kRounding = 1.0 + 1e-9;
+        const double most = kRounding * mean * static_cast<double>(places.rows());
+        double sum = 0.0;
+        for (Eigen::Index p = 0; p < places.rows() && sum <= most; ++p)
+            sum += distance({places.row(p), places.row(p)});
+        return sum > most;
+    }
 };
 
 Box box_of(const Positions& points) {
@@ -108,14 +117,13 @@ WrapBorders::WrapBorders(const Mesh& mesh, const Positions& start,
 
 const WrapBorders::Line* WrapBorders::nearest_line(const Positions& places) const {
     constexpr double kNear = 0.05;  // √area
-    constexpr double kRounding = 1.0 + 1e-9;
     const auto count = static_cast<double>(places.rows());
     const Box box = box_of(places);
     const Line* best = nullptr;
     double least = kNear;
     // Of very many lines, most are too far away as a whole, or from the first places.
     for (const auto& line : lines_) {
-        if (box.distance(line->box) > kRounding * least) continue;
+        if (box.distance(line->box) > 2.0 * least || line->box.is_beyond(least, places)) continue;
         double sum = 0.0;
         for (Index p = 0; p < places.rows() && sum / count < least; ++p)
             sum += (places.row(p) - line->points.row(line->nearest(places.row(p)))).norm();

@@ -4,7 +4,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <numbers>
 #include <random>
 #include <string_view>
 #include <vector>
@@ -100,6 +102,36 @@ TEST(WrapBorders, OfVeryManyPiecesAreFoundAsSoonAsTheirLinesAreMade) {
     };
     // With the distance to each of the lines measured, it is a hundred times as long.
     EXPECT_LT(time(mesh), 10.0 * time(without));
+}
+
+TEST(WrapBorders, ThatMeetAtOnePlaceAreFoundAsSoonAsTheirLinesAreMade) {
+    SKIP_WHERE_WATCHED();
+    constexpr Index kMany = 1500;
+    const auto blades = [](double bend) {
+        Cloud cloud;
+        cloud.positions.resize(2 * kMany + 1, 3);
+        cloud.positions.row(2 * kMany).setZero();
+        for (Index k = 0; k < 2 * kMany; ++k) {
+            const double angle = std::numbers::pi * k / kMany;
+            cloud.positions.row(k) << std::cos(angle), std::sin(angle),
+                bend * std::sin(3.0 * angle);
+            if (k % 2 == 0) mesh_shapes::add_face(cloud.faces, {2 * kMany, k, k + 1});
+        }
+        return cloud;
+    };
+    const Mesh mesh = make_mesh(blades(0.1)), without = make_mesh(mesh_shapes::icosphere(1));
+    const Mesh target = make_mesh(blades(0.2));
+    std::vector<Positions> lines;
+    for (const std::vector<Index>& border : target.borders)
+        lines.push_back(gather(target.positions, border));
+    const auto time = [&](const Mesh& of) {
+        return processor_time([&] {
+            Progress progress;
+            const WrapBorders borders(of, of.positions, lines, progress);
+        });
+    };
+    EXPECT_EQ(lines.size(), to_size(kMany));
+    EXPECT_LT(time(mesh), 2.0 * time(without));
 }
 
 TEST(WrapBorders, TakeLinesOfAnyLength) {
