@@ -274,7 +274,8 @@ LiveUpdate LiveMap::updated(std::span<const Feature> features, Progress& progres
     SceneImages images = with_marks_met(
         state_->shifted(state_->prolonged_from(fine, progress)), marked,
         {[&](Index row) { return state_->source_prolongation.linear(row, fine.source_points); },
-         [&](Index row) { return state_->target_prolongation.linear(row, fine.target_points); }});
+         [&](Index row) { return state_->target_prolongation.linear(row, fine.target_points); }},
+        progress);
     LiveUpdate update{on_surfaces(std::move(images), marked, state_->given(),
                                   state_->options.normal_weight, progress),
                       torn - state_->torn};

@@ -111,13 +111,15 @@ Positions pinned_to_marks(Positions images, const Positions& positions, const Po
 }
 
 Positions pinned_to_curve(Positions images, const ImagedSurface& surface, const OrientedView& own,
-                          const Positions& other) {
+                          const Positions& other, Progress& progress) {
+    constexpr Eigen::Index kPoll = 64;
     std::vector<std::pair<Index, double>> ball;
     const PlaceImage image_of(images, surface, own);
     for (const double reach : {6.0, 3.0, 1.5, 1.5}) {
         std::map<Index, Pull> pulls;
         const double radius = reach * surface.spacing;
         for (Eigen::Index k = 0; k < own.positions.rows(); ++k) {
+            if (k % kPoll == 0 && !progress.poll()) progress.throw_if_cancelled();
             Vector3 image;
             if (!image_of(k, image)) continue;
             const Eigen::RowVector3d offset = other.row(k) - image.transpose();

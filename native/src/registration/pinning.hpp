@@ -4,6 +4,7 @@
 #include <functional>
 #include <span>
 
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
@@ -47,7 +48,7 @@ struct ImagedSurface {
 /// and those around smoothly with them, in ever smaller surroundings: what lies beside the curve a
 /// little later, the curve itself to the last.
 Positions pinned_to_curve(Positions images, const ImagedSurface& surface, const OrientedView& own,
-                          const Positions& other);
+                          const Positions& other, Progress& progress);
 
 /// Images of a region's points that lie outside of the partner put onto its nearest point.
 /// `members` and `other_members` say how much points belong to the region.

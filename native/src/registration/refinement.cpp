@@ -131,7 +131,8 @@ SceneImages lifted(MappedScene& mapped, Progress& progress) {
          prolonged(scene.target, scene.coarse_target, *of_target, target_points, progress)},
         {scene.source, scene.target, scene.marks},
         {[&](Index row) { return of_source->linear(row, source_points); },
-         [&](Index row) { return of_target->linear(row, target_points); }});
+         [&](Index row) { return of_target->linear(row, target_points); }},
+        progress);
     free_both(scene.source.tree.size() + scene.target.tree.size(),
               [&](bool is_source) { (is_source ? of_source : of_target).reset(); });
     return images;

@@ -56,7 +56,7 @@ Direction backward(const MarkedClouds& scene) {
 
 /// So moved that hard marks meet.
 OrientedPoints with_marks_met(OrientedPoints images, const Direction& map, const Marks& marks,
-                              const std::function<Matrix3(Index)>& linear) {
+                              const std::function<Matrix3(Index)>& linear, Progress& progress) {
     const PlacedCloud &here = map.here, &there = map.there;
     const ImagedSurface surface{here.tree, here.normals, here.spacing(), linear};
     for (const MarkedCurve& curve : marks.curves) {
@@ -65,7 +65,7 @@ OrientedPoints with_marks_met(OrientedPoints images, const Direction& map, const
             places_along(curve, 0.5 * std::min(here.spacing(), there.spacing()));
         images.positions = pinned_to_curve(std::move(images.positions), surface,
                                            {along.*map.curve_here, along.*map.curve_normals},
-                                           along.*map.curve_there);
+                                           along.*map.curve_there, progress);
     }
     images.positions =
         pinned_to_marks(std::move(images.positions), here.positions(), there.positions(),
@@ -213,10 +213,12 @@ OrientedPoints prolonged(const PlacedCloud& cloud, const CoarseShape& coarse,
     return prolongation(coarse, images, cloud.positions(), cloud.normals, progress);
 }
 
-SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene,
-                           const LinearMaps& linear) {
-    return {with_marks_met(std::move(images.source), forward(scene), scene.marks, linear.source),
-            with_marks_met(std::move(images.target), backward(scene), scene.marks, linear.target)};
+SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene, const LinearMaps& linear,
+                           Progress& progress) {
+    return {with_marks_met(std::move(images.source), forward(scene), scene.marks, linear.source,
+                           progress),
+            with_marks_met(std::move(images.target), backward(scene), scene.marks, linear.target,
+                           progress)};
 }
 
 Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,

@@ -40,7 +40,8 @@ OrientedPoints prolonged(const PlacedCloud& cloud, const CoarseShape& coarse,
                          Progress& progress);
 
 /// So moved that hard marks meet, and what is around them smoothly with them.
-SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene, const LinearMaps& linear);
+SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene, const LinearMaps& linear,
+                           Progress& progress);
 
 /// Enters "product space" and "landing". Diagnostics and `inside_out` are left for the caller.
 Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,

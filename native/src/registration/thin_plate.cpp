@@ -1,6 +1,8 @@
 #include "pointmorph/registration/thin_plate.hpp"
 
 #include <Eigen/LU>
+#include <span>
+#include <vector>
 
 namespace pointmorph {
 
@@ -48,10 +50,25 @@ MarkedPlaces marked_places(const CoarsePair& shapes) {
     return places;
 }
 
+namespace {
+
+/// Of very many features some, evenly through their order: a plate through 500 is bent by all that
+/// can matter to a start, and what it costs grows with the cube of their number.
+std::vector<IndexPair> thinned(std::span<const IndexPair> features) {
+    constexpr std::size_t kMost = 500;
+    if (features.size() <= kMost) return {features.begin(), features.end()};
+    std::vector<IndexPair> some;
+    for (std::size_t k = 0; k < kMost; ++k) some.push_back(features[k * features.size() / kMost]);
+    return some;
+}
+
+}  // namespace
+
 RegistrationStart thin_plate_start(const CoarsePair& shapes) {
     RegistrationStart start{shapes.source.positions, shapes.target.positions};
     constexpr Eigen::Index kFewest = 5;
-    const auto [s, t] = marked_places(shapes);
+    const std::vector<IndexPair> features = thinned(shapes.features);
+    const auto [s, t] = marked_places({shapes.source, shapes.target, features});
     if (s.rows() < kFewest) return start;
     const ThinPlate forward(s, t), backward(t, s);
     for (Eigen::Index k = 0; k < start.source.rows(); ++k)

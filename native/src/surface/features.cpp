@@ -155,6 +155,10 @@ void reverse(Marked& marked, bool closed) {
 constexpr double kStraight = 3.0;   // spacings up to which marked points are joined directly
 constexpr std::size_t kSteps = 12;  // neighbors that a path can continue to
 
+void ask(Progress& progress) {
+    if (!progress.poll()) progress.throw_if_cancelled();
+}
+
 /// Shortest paths from sample to sample of a surface. Looks neighbors up as it goes, since a curve
 /// needs few of them. Keeps its scratch memory: one object per thread.
 class PathSearch {
@@ -184,7 +188,7 @@ public:
             open.pop_back();
             if (distance > distance_[to_size(i)]) continue;
             found = i == end;
-            if (++visited % 1024 == 0) progress.throw_if_cancelled();
+            if (++visited % 1024 == 0) ask(progress);
             const auto count = surface_.nearest(p.row(i).data(), near, squared);
             for (std::size_t k = 0; k < to_size(count); ++k) {
                 const Index j = near[k];
@@ -241,7 +245,7 @@ Positions pulled_straight(const std::vector<Index>& path, const KdTree<3>& surfa
             Index& anchor = anchors[to_size(k)];
             anchor = nearest_on_sheet(surface, normals, places.row(k), normals.row(anchor));
         }
-        progress.throw_if_cancelled();
+        ask(progress);
         Progress silent;
         Positions on_surface = project_onto_surface(places, anchors, surface, normals, silent);
         on_surface.row(0) = places.row(0);
@@ -436,6 +440,7 @@ TracedCurve trace_curve(const KdTree<3>& surface, const Normals& normals,
         const double apart = (p.row(from) - p.row(to)).norm();
         const double spacing = std::max(spacing_at(surface, from), spacing_at(surface, to));
         if (apart <= kStraight * spacing) return;
+        ask(progress);
         const auto path = search.between(from, to, progress);
         if (path.size() < 3) return;
         const Positions straight = pulled_straight(path, surface, normals, progress);

@@ -2,9 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
+#include <string_view>
 #include <vector>
 
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/progress.hpp"
 #include "registration/eggs.hpp"
 
 namespace pointmorph {
@@ -56,7 +60,8 @@ TEST(Pinning, ACurveGoesOntoItsPartnerAndTheRestStays) {
     other = own;
     for (Index k = 0; k < kPlaces; ++k) other(k, 1) = 0.03 * std::cos(3.0 * own(k, 0));
     const ImagedSurface surface{tree, up, kSpacing, [](Index) { return Matrix3::Identity(); }};
-    const Positions images = pinned_to_curve(plane, surface, {own, own_normals}, other);
+    Progress progress;
+    const Positions images = pinned_to_curve(plane, surface, {own, own_normals}, other, progress);
     // Points of the grid on the curve lie near where the other one is at their place.
     for (Index i = 0; i < plane.rows(); ++i) {
         const double off = std::abs(plane(i, 1));
@@ -70,7 +75,15 @@ TEST(Pinning, ACurveGoesOntoItsPartnerAndTheRestStays) {
     // Nothing on the other side of a thin part moves.
     const Normals down = -up;
     const ImagedSurface back{tree, down, kSpacing, [](Index) { return Matrix3::Identity(); }};
-    EXPECT_EQ(pinned_to_curve(plane, back, {own, own_normals}, other), plane);
+    EXPECT_EQ(pinned_to_curve(plane, back, {own, own_normals}, other, progress), plane);
+    // It asks again and again whether to go on.
+    for (const int most : {1, 4}) {
+        int asked = 0;
+        Progress ending([&](std::string_view, double) { return ++asked < most; },
+                        std::chrono::milliseconds(0));
+        EXPECT_THROW(pinned_to_curve(plane, surface, {own, own_normals}, other, ending), Cancelled);
+        EXPECT_EQ(asked, most);
+    }
 }
 
 TEST(Pinning, FeaturesAndGuidesPullWhatIsAroundThem) {

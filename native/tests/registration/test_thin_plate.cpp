@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <span>
+#include <vector>
 
+#include "processor_time.hpp"
 #include "registration/eggs.hpp"
 
 namespace pointmorph {
@@ -61,6 +63,24 @@ TEST(ThinPlate, ManyGuidesAreThinnedEvenly) {
     EXPECT_EQ(places.source.row(0), eggs.coarse_source.positions.row(0));
     for (Index k = 0; k < 50; ++k)
         EXPECT_EQ(places.target.row(6 + k), eggs.coarse_target.guides.places.row(3 * k));
+}
+
+TEST(ThinPlate, OfVeryManyFeaturesSomeCount) {
+    Eggs eggs;
+    const std::vector<IndexPair> few = eggs.features;
+    // Each is among those that count.
+    std::vector<IndexPair> many;
+    for (const IndexPair& f : few) many.insert(many.end(), 200, f);
+    const auto start = [&](std::span<const IndexPair> features) {
+        return thin_plate_start({eggs.coarse_source, eggs.coarse_target, features});
+    };
+    for (const IndexPair& f : few)
+        EXPECT_LT(
+            (start(many).source.row(f.source) - eggs.coarse_target.positions.row(f.target)).norm(),
+            0.02);
+    // Through all of them it would take more than ten times as long.
+    const std::span<const IndexPair> first = std::span(many).first(500);
+    EXPECT_LT(processor_time([&] { start(many); }), 5.0 * processor_time([&] { start(first); }));
 }
 
 TEST(Example, ThinPlate) {

@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <string_view>
 
 #include "checks.hpp"
 #include "marked_shapes.hpp"
@@ -174,6 +176,20 @@ TEST(Features, SparseMarksAreJoinedAlongTheSurface) {
         for (Index k = 0; k < traced.places.rows(); ++k)
             EXPECT_NEAR(traced.places.row(k).norm(), 1.0, 5.0 / count);
         EXPECT_NEAR(traced.share(1), angle(rows[0], rows[1]) / length, 0.01);
+    }
+}
+
+TEST(Features, ACurveThatTakesLongCanBeCancelled) {
+    const Positions p = shapes::sphere(2000);
+    const KdTree<3> tree(p);
+    std::vector<Index> rows;  // from side to side
+    for (Index k = 0; k < 100; ++k) rows.push_back(k % 2 == 0 ? k : 1999 - k);
+    for (const int most : {1, 50, 500}) {
+        int asked = 0;
+        Progress progress([&](std::string_view, double) { return ++asked < most; },
+                          std::chrono::milliseconds(0));
+        EXPECT_THROW(trace_curve(tree, p, rows, false, progress), Cancelled);
+        EXPECT_EQ(asked, most);
     }
 }
 

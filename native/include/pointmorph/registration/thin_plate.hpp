@@ -30,8 +30,9 @@ private:
     Eigen::MatrixXd coefficients_;
 };
 
-/// The thin plate through the marked places for the source, and the one back for the target. With
-/// fewer than five places the points stay where they are.
+/// The thin plate through the marked places for the source, and the one back for the target; of
+/// more than 500 features through so many of them. With fewer than five places the points stay
+/// where they are.
 RegistrationStart thin_plate_start(const CoarsePair& shapes);
 
 }  // namespace pointmorph
