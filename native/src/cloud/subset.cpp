@@ -98,17 +98,19 @@ std::vector<Index> draw(const Urn& urn, double radius, std::size_t most, Nearest
         }
     };
     std::vector<char> taken(to_size(tree.size()), 0);
+    constexpr std::size_t kPoll = 256;
     for (const Index i : required)
         if (!taken[to_size(i)]) {
             taken[to_size(i)] = 1;
             take(i);
+            if (rows.size() % kPoll == 0) progress.report(0.0);
         }
     const std::size_t drawn_from = rows.size();
     for (const Index i : order) {
         if (covered[to_size(i)]) continue;
         take(i);
         if (rows.size() > most) break;
-        if (rows.size() % 256 == 0) progress.report(0.0);
+        if (rows.size() % kPoll == 0) progress.report(0.0);
     }
     // What lies close in a cloud in spatial order stays close in memory.
     std::sort(rows.begin() + static_cast<std::ptrdiff_t>(drawn_from), rows.end());

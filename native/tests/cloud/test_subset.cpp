@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <string_view>
 
 #include "joined_shapes.hpp"
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
 
@@ -144,6 +147,19 @@ TEST(Subset, CoincidentRequiredRowsAllStay) {
     Progress progress;
     const std::vector<Index> required{3, 5};
     EXPECT_EQ(poisson_disk_subset(KdTree<3>(p), n, required, 10, progress).rows, required);
+}
+
+TEST(Subset, OfManyRequiredRowsCanBeCancelled) {
+    const Positions p = shapes::sphere(2000);
+    std::vector<Index> all(2000);
+    std::ranges::generate(all, [next = Index{0}]() mutable { return next++; });
+    for (const int most : {1, 5, 50}) {
+        int asked = 0;
+        Progress progress([&](std::string_view, double) { return ++asked < most; },
+                          std::chrono::milliseconds(0));
+        EXPECT_THROW(poisson_disk_subset(KdTree<3>(p), p, all, 100, progress), Cancelled);
+        EXPECT_EQ(asked, most);
+    }
 }
 
 TEST(Example, Subset) {
