@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pointmorph
@@ -202,14 +204,59 @@ def test_a_mesh_that_is_missing_is_written_when_a_run_goes_on(tmp_path: Path) ->
     assert [path.name for path in again if again[path] != times[path]] == ["mesh_0001.obj"]
 
 
-def test_a_mesh_that_is_being_made_can_be_stopped(round_morph: pointmorph.Morph) -> None:
-    asked = 0
+@pytest.mark.parametrize("count", [300, 9000])
+def test_points_that_lie_together_are_thinned_in_their_order(
+    round_morph: pointmorph.Morph, count: int
+) -> None:
+    random = np.random.default_rng(count)
+    points = random.random((count, 3)).round(1) + 0.01 * random.random((count, 3))
+    normals = random.normal(size=(count, 3))
+    spacing = random.uniform(0.02, 0.3, count)
+    stays = np.ones(count, bool)
+    for row in range(count):  # one by one
+        near = np.linalg.norm(points - points[row], axis=1) <= 0.5 * spacing[row]
+        if stays[row]:
+            stays[(np.arange(count) > row) & near & (normals @ normals[row] > 0.0)] = False
+    rows = surfaces.Surfaces(round_morph)._thinned(points, normals, spacing, lambda: False)
+    assert 0 < len(rows) < count
+    np.testing.assert_array_equal(rows, np.flatnonzero(stays))
 
-    def stopped() -> bool:
-        nonlocal asked
-        asked += 1
-        return asked == 2
 
-    with pytest.raises(pointmorph.Cancelled):
-        surfaces.Surfaces(round_morph).through(round_morph.frame(0.5), 0.5, stopped)
-    assert asked == 2
+def test_thousands_of_pairs_at_a_point_are_thinned_by_those_that_stay(
+    round_morph: pointmorph.Morph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = 0
+
+    class Counting(cKDTree):
+        def query_ball_point(self, *arguments: object) -> object:
+            nonlocal found
+            around = super().query_ball_point(*arguments)
+            found += sum(map(len, around))
+            return around
+
+    made = surfaces.Surfaces(round_morph)
+    monkeypatch.setattr(made, "_tree", Counting)
+    corners = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), axis=-1).reshape(-1, 3)
+    points = np.repeat(corners, 1000, axis=0)
+    rows = made._thinned(points, points, np.full(len(points), 0.5), lambda: False)
+    np.testing.assert_array_equal(rows, 1000 * np.arange(8))
+    assert found < 100 * len(points)  # of each, all others at its corner would be 1,000 times
+
+
+def test_a_mesh_that_is_being_made_can_be_stopped(
+    round_morph: pointmorph.Morph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, frame = surfaces.Surfaces(round_morph), round_morph.frame(0.5)
+    with pytest.raises(pointmorph.Cancelled):  # while points are thinned
+        made.through(frame, 0.5, lambda: True)
+    begun: list[subprocess.Popen[bytes]] = []
+
+    class Process(subprocess.Popen[bytes]):
+        def __init__(self, *arguments: Any, **others: Any) -> None:
+            super().__init__(*arguments, **others)
+            begun.append(self)
+
+    monkeypatch.setattr(surfaces.subprocess, "Popen", Process)
+    with pytest.raises(pointmorph.Cancelled):  # and while MeshLab is at work
+        made.through(frame, 0.5, lambda: bool(begun))
+    assert begun[0].returncode not in (None, 0)

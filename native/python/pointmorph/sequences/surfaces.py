@@ -35,6 +35,10 @@ _POLL = 0.05  # seconds
 # narrower than twice _BALLOON are closed.
 _OFF, _BALLOON = 1.5, 4.0
 _COINCIDENT = 0.5  # spacings
+_ASKED_AT_ONCE, _LOOKED_AT = (
+    64,
+    4096,
+)  # rows of which neighbors are asked for, and those gone through
 _BLENDED = 4  # points that a vertex takes its color from
 _FEWEST = 12  # points
 
@@ -132,7 +136,7 @@ class Surfaces:
         center = 0.5 * (frame.positions.min(axis=0) + frame.positions.max(axis=0))
         everywhere = (frame.positions.astype(np.float64) - center) / extent
         apart = self._expected_spacing(everywhere, t) / extent
-        rows = self._thinned(everywhere, frame.normals, apart)
+        rows = self._thinned(everywhere, frame.normals, apart, stopped)
         points = everywhere[rows]
         spacing = self._point_spacing(points)
         positions, faces = _reconstructed(points, frame.normals[rows], _depth(spacing), stopped)
@@ -182,14 +186,26 @@ class Surfaces:
         points: npt.NDArray[np.float64],
         normals: FloatArray,
         spacing: npt.NDArray[np.float64],
+        stopped: Callable[[], bool],
     ) -> npt.NDArray[np.int64]:
-        """Rows without near-coincident points: near an end, several pairs share one point."""
-        around = self._tree(points).query_ball_point(points, _COINCIDENT * spacing)
+        """Rows without near-coincident points: near an end, several pairs share one point.
+
+        Asks only for what is around rows that stay, a few at a time: where thousands of pairs share
+        a point, each has all others around it.
+        """
+        tree = self._tree(points)
         stays = np.ones(len(points), bool)
-        for row, others in enumerate(around):
-            if stays[row] and len(others) > 1:
-                near = np.asarray(others)
-                stays[near[(near > row) & (normals[near] @ normals[row] > 0.0)]] = False
+        done = 0
+        while done < len(points):
+            if stopped():
+                raise Cancelled("The mesh was canceled.")
+            some = done + np.flatnonzero(stays[done : done + _LOOKED_AT])[:_ASKED_AT_ONCE]
+            done = int(some[-1]) + 1 if len(some) == _ASKED_AT_ONCE else done + _LOOKED_AT
+            around = tree.query_ball_point(points[some], _COINCIDENT * spacing[some])
+            for row, others in zip(some, around, strict=True):
+                if stays[row] and len(others) > 1:
+                    near = np.asarray(others)
+                    stays[near[(near > row) & (normals[near] @ normals[row] > 0.0)]] = False
         return np.flatnonzero(stays)
 
 
