@@ -51,18 +51,18 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
     _, first, counts = np.unique(
         edges[:, 0] * vertex_count + edges[:, 1], return_index=True, return_counts=True
     )
-    around: dict[int, list[int]] = {}
+    around: dict[int, dict[int, None]] = {}  # in order; at a vertex may be very many
     for a, b in edges[np.sort(first[counts == 1])].tolist():
-        around.setdefault(a, []).append(b)
-        around.setdefault(b, []).append(a)
+        around.setdefault(a, {})[b] = None
+        around.setdefault(b, {})[a] = None
 
     loops: list[npt.NDArray[np.int64]] = []
     for start in list(around):
         path = [start]
         position = {start: 0}
         while around[path[-1]]:
-            vertex = around[path[-1]].pop()
-            around[vertex].remove(path[-1])
+            vertex, _ = around[path[-1]].popitem()
+            del around[vertex][path[-1]]
             if vertex in position:  # a loop closes; the path continues from its start
                 loop = path[position[vertex] :]
                 if len(loop) > 2:
