@@ -277,7 +277,10 @@ def picked_result(context, fits=staleness.is_exactly_picked):
 def _can_be_morphed_again(scene, obj):
     if not morph_object.is_made(obj) or obj.pointmorph.is_preview:
         return False
-    if not (obj.is_editable and obj.data.is_editable and staleness.is_picked(scene, obj)):
+    both = {obj, obj.pointmorph.made_from or obj} if obj.pointmorph.keeps_faces else {obj}
+    if not all(one.is_editable and one.data.is_editable for one in both):
+        return False
+    if not staleness.is_picked(scene, obj):
         return False
     try:
         if morph_object.is_result(obj):

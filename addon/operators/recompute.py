@@ -10,6 +10,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     blended_textures,
+    lost_keys,
     morph_object,
     morphing_mesh,
     placement,
@@ -50,6 +51,8 @@ class Recomputing(Computing):
         `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
+        for one in morph_object.made_with(obj) if None not in recipes.shapes_of(obj) else ():
+            lost_keys.restore(one)
         kept = placement.give_back(*morph_object.made_with(obj))
         self._lost = [f"Applied transforms were lost: {words}" for words in kept]
         for one in dict.fromkeys((obj, morph_object.shown_of(obj))):

@@ -135,12 +135,7 @@ def read_receiver(obj, onto_source):
     if start.shape != shown.positions.shape or not np.allclose(
         start, shown.positions, rtol=0.0, atol=1e-6 * np.abs(start).max()
     ):
-        raise pointmorph.CloudError(
-            source.name,
-            f'the mesh "{obj.name}" was made from',
-            "one that has changed since",
-            "Morph again.",
-        )
+        raise morph_paths.changed_since(source, obj)
     return _receiver(source.data, start, shown.landing, shown.own)
 
 

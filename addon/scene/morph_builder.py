@@ -141,18 +141,37 @@ def add_keys(obj, places, names):
         key.slider_max = count
     for number, name in enumerate(names if count > 1 else (), 1):
         made.append(new_key(obj, name).name)
-        curve = obj.data.shape_keys.key_blocks[made[-1]].driver_add("value")
-        curve.driver.type = "SCRIPTED"
-        nodes.drive(curve.driver, key)
-        # Simple enough for Blender to compute without Python, also where scripts may not run.
-        curve.driver.expression = (
-            f"max(0, min(1, t - {number - 1}))"
-            if number == count
-            else f"max(0, 1 - abs(t - {number}))"
-        )
+        _drive_shape(obj.data.shape_keys, made, number, count)
     recipes.note(obj, "keys", made)
     write_keys(obj, places)
     return obj.data.shape_keys.key_blocks[made[0]]
+
+
+def _drive_shape(keys, names, number, count):
+    """Has the key of shape `number` of a chain be at full value where t says so."""
+    curve = keys.key_blocks[names[number]].driver_add("value")
+    curve.driver.type = "SCRIPTED"
+    nodes.drive(curve.driver, keys.key_blocks[names[0]])
+    # Simple enough for Blender to compute without Python, also where scripts may not run.
+    curve.driver.expression = (
+        f"max(0, min(1, t - {number - 1}))" if number == count else f"max(0, 1 - abs(t - {number}))"
+    )
+
+
+def add_lost_keys(obj, places):
+    """Adds those of the keys that `add_keys` made that are gone; `places` are all, with the
+    first."""
+    names = morph_object.morph_keys(obj)
+    keys = obj.data.shape_keys
+    lost = [number for number, name in enumerate(names) if name not in keys.key_blocks]
+    for number in lost:
+        key = new_key(obj, names[number])
+        if number == 0 and len(names) > 1:
+            key.slider_max = len(names) - 1
+        elif number > 0:
+            key.driver_remove("value")
+            _drive_shape(keys, names, number, len(names) - 1)
+    write_keys(obj, places)
 
 
 def write_keys(obj, places):

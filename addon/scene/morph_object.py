@@ -24,8 +24,11 @@ _ATTRIBUTES = {"row": "INT", "normal": "FLOAT_VECTOR", "color": "FLOAT_COLOR", "
 
 
 def is_result(obj):
-    """Whether an object is a morph object of pairs."""
-    return _moves(obj) and ROW in obj.data.attributes
+    """Whether an object is a morph object of pairs; not a mesh to which such were joined, or a copy
+    of it, which have their attributes."""
+    if not _moves(obj) or obj.pointmorph.keeps_faces or ROW not in obj.data.attributes:
+        return False
+    return obj.pointmorph.source is not None or bool(obj.pointmorph.recipe)
 
 
 def is_made(obj):
@@ -87,12 +90,12 @@ def morph_key(obj):
     """The shape key of a morph object that makes it the target."""
     keys = obj.data.shape_keys
     key = None if keys is None else keys.key_blocks.get(KEY)
-    if key is None:
+    if key is None or key == keys.reference_key:
         raise pointmorph.CloudError(
             obj.name,
             f'a morph object with its shape key "{KEY}"',
-            "none of that name",
-            "Restore the key's name, or morph again.",
+            "none of that name" if key is None else "only a basis of that name",
+            "Recompute it to get the key back.",
         )
     return key
 
@@ -116,7 +119,7 @@ def stage_keys(obj):
             obj.name,
             f'a chain with its shape key "{missing[0]}"',
             "none of that name",
-            "Restore the key's name, or make the chain again.",
+            "Recompute it to get the key back.",
         )
     return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
 
@@ -209,14 +212,15 @@ def t_key(obj):
         return morph_key(obj)
     name = morph_keys(obj)[0]
     keys = obj.data.shape_keys
-    if keys is None or name not in keys.key_blocks:
+    key = None if keys is None else keys.key_blocks.get(name)
+    if key is None or key == keys.reference_key:
         raise pointmorph.CloudError(
             obj.name,
             f'its shape key "{name}"',
-            "none of that name",
-            "Restore the key's name, or make the mesh again.",
+            "none of that name" if key is None else "only a basis of that name",
+            "Recompute it to get the key back.",
         )
-    return keys.key_blocks[name]
+    return key
 
 
 def morph_keys(obj):

@@ -116,14 +116,9 @@ def source_ways(obj):
                 obj.name,
                 "points where they were made",
                 "others: transforms were applied to it",
-                "Recompute.",
+                "Recompute it.",
             )
-        raise pointmorph.CloudError(
-            source.name,
-            f'the mesh "{obj.name}" was made from',
-            "one that has changed since",
-            "Morph again.",
-        )
+        raise changed_since(source, obj)
     places, normals = [transforms.move_positions(matrix, start)], []
     for stage, landing in morph_object.landings(obj):
         place, normal = np.empty_like(start), np.empty_like(start)
@@ -132,6 +127,16 @@ def source_ways(obj):
         places.append(place)
         normals.append(normal)
     return source, places, normals, np.linalg.inv(matrix)
+
+
+def changed_since(source, obj):
+    """The error that the source of a morph object isn't what was morphed any more."""
+    return pointmorph.CloudError(
+        source.name,
+        f'the vertices that "{obj.name}" was made from',
+        "others: the mesh was edited, or its transforms were applied",
+        "Recompute the morph, then try again.",
+    )
 
 
 def _same(a, b):

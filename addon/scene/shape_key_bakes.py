@@ -35,6 +35,13 @@ def bake_pairs(context, obj, steps, path):
         Names of the keys.
     """
     _check_at_rest(obj)
+    if not (obj.is_editable and obj.data.is_editable):
+        raise pointmorph.CloudError(
+            obj.name,
+            "a morph object in this file",
+            "one linked from another, which wouldn't keep the keys",
+            "Make it local (Object > Relations > Make Local), or bake frames.",
+        )
     timing = stagger.timing_of(context, obj)
     way = morph_paths.way(obj, _meant(obj, path), timing)
     names = _add_keys(obj, way, steps, morph_object.stage_names(obj)[1:])

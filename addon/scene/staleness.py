@@ -6,7 +6,7 @@ import numpy as np
 from ..core.settings import changed_settings, name_label, settings_values
 from ..core.stepping import finish
 from ..data.feature_list import feature_choices
-from . import applied, morph_object, recipes
+from . import applied, lost_keys, morph_object, recipes
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
 
@@ -75,6 +75,7 @@ def state(obj, prints=None):
     reasons = []
     if morph_object.is_edited(obj):
         reasons.append(f'"{obj.name}" has other vertices than it was made with')
+    reasons += lost_keys.words(obj)
     if applied.matrix_of(obj) is not None:
         reasons.append(f'transforms were applied to "{obj.name}"')
     for known, now in zip(recipe["shapes"], prints, strict=True):

@@ -131,7 +131,7 @@ def test_what_cannot_be_baked_onto_the_source_is_said(settings):
     obj.keyframe_insert("location", frame=1)
     said = error_of(bpy.ops.pointmorph.bake_shape_keys, kind="SOURCE")
     assert "Hill to Dune: expected points where they were made" in said
-    assert "Recompute." in said
+    assert "Recompute it." in said
     recompute(obj)
     assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE") == {"FINISHED"}
 

@@ -278,14 +278,14 @@ def test_before_a_morph(settings):
 def test_the_source_changed(morphed):
     source, *_ = morphed
     source.data.vertices[7].co.z += 0.1
-    assert 'Hill: expected the mesh "Hill to Dune" was made from' in refused()
-    assert "Morph again" in refused()
+    assert 'Hill: expected the vertices that "Hill to Dune" was made from' in refused()
+    assert "Recompute the morph" in refused()
 
 
 def test_the_source_has_more_vertices(morphed):
     source, *_ = morphed
     source.data.vertices.add(1)
-    assert 'Hill: expected the mesh "Hill to Dune" was made from' in refused()
+    assert 'Hill: expected the vertices that "Hill to Dune" was made from' in refused()
 
 
 def test_the_source_is_gone(morphed):

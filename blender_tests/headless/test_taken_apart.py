@@ -6,7 +6,7 @@ import threading
 import bpy
 import numpy as np
 import pytest
-from scenes import add_mesh, coordinates, morph, pair, patch, recompute, select
+from scenes import add_mesh, coordinates, error_of, morph, pair, patch, recompute, select
 
 
 @pytest.fixture
@@ -55,6 +55,32 @@ def test_what_was_joined_makes_it_out_of_date(settings, kind, capfd):
     assert capfd.readouterr().out.count(said) == 1
     assert shown.pointmorph.state == "CURRENT"
     assert len(shown.data.vertices) == whole
+
+
+@pytest.mark.parametrize("has_keys", [False, True])
+def test_a_mesh_that_points_were_joined_to_is_no_morph(settings, has_keys):
+    """It was taken for one from an earlier version, which Recompute refused."""
+    _, target = pair(14, 12)
+    points = morph()
+    other = add_mesh("Hat", *patch(4))
+    if has_keys:
+        other.shape_key_add(name="Basis")
+    select(other)
+    points.select_set(True)
+    assert bpy.ops.object.join() == {"FINISHED"}
+    assert "source_row" in other.data.attributes
+    assert other.pointmorph.state == ""
+    # The slider is still there, as a key of Blender's own.
+    assert "Morph" in other.data.shape_keys.key_blocks
+    select(other)
+    assert "Morph first" in error_of(bpy.ops.pointmorph.recompute)
+    settings.source, settings.target = other, target
+    settings.show_as = "MESH"
+    for feature in settings.features:
+        feature.use = False
+    again = morph()
+    assert again.pointmorph.state == "CURRENT"
+    assert len(again.data.polygons) == len(patch(4)[1])
 
 
 def test_what_was_separated_stays_as_it_is(shown, capfd):
@@ -108,6 +134,29 @@ def test_an_override_knows_its_state(override, addon):
         override.location.x += 1
         override.override_library.operations_update()
     assert override.override_library is not None
+
+
+def test_the_slider_of_an_override_can_be_keyed_where_its_mesh_is_one(override):
+    """It was said to have a locked action."""
+    select(override)
+    said = error_of(bpy.ops.pointmorph.key_morph)
+    assert 'The slider of "Hill to Dune" is linked from another file' in said
+    override.data.override_create(remap_local_usages=True)
+    assert bpy.ops.pointmorph.key_morph() == {"FINISHED"}
+
+
+def test_keys_that_would_be_lost_are_not_baked_on_an_override(override):
+    select(override)
+    said = error_of(bpy.ops.pointmorph.bake_shape_keys, kind="PAIRS")
+    assert "Hill to Dune Points: expected a morph object in this file" in said
+
+
+def test_shapes_of_an_override_get_a_result_of_their_own(override):
+    """The one with the linked points was to be computed again, which can't be."""
+    select(override)
+    assert bpy.ops.pointmorph.edit_morph() == {"FINISHED"}
+    override.data.override_create(remap_local_usages=True)
+    assert morph() != override
 
 
 def test_state_is_no_matter_of_other_threads(shown, addon):

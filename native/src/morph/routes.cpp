@@ -137,7 +137,7 @@ std::optional<Closed> needs_closed(Domain domain, const MorphInput& input) {
 /// Both shapes with their handles counted closely, for the choice of a domain.
 PreparedShapes looked_at_closely(PreparedShapes shapes, const MorphInput& input,
                                  const MorphOptions& options, Progress& progress) {
-    progress.enter("topology");
+    progress.enter("handles");
     on_both(progress, [&](bool is_source, Progress& p) {
         PreparedShape& shape = is_source ? shapes.source : shapes.target;
         const KnownParts parts{is_source ? input.source_parts : input.target_parts,

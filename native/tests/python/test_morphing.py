@@ -13,7 +13,7 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import formats
-from shapes import grid
+from shapes import grid, torus
 
 A, B = 37, 29
 """Points along a side of the plane and of the bump that most tests share."""
@@ -368,6 +368,17 @@ def test_progress_runs_through_the_stages_and_cancels() -> None:
     for last in stages:
         with pytest.raises(pointmorph.Cancelled):
             pointmorph.morph(source, target, progress=lambda stage, _, last=last: stage != last)
+
+
+def test_progress_never_falls_within_a_stage_of_the_same_name() -> None:
+    """Handles were counted closely in a stage that had the name of the one before it."""
+    seen: list[tuple[str, float]] = []
+    tori = [pointmorph.Cloud(torus(tube, 60, 20)) for tube in (0.4, 0.3)]
+    with pytest.raises(pointmorph.FeatureError, match="network"):
+        pointmorph.morph(*tori, method="paper", progress=lambda *call: seen.append(call))
+    for (stage, fraction), (before, last) in zip(seen[1:], seen, strict=False):
+        assert stage != before or fraction >= last, stage
+    assert "handles" in dict(seen)
 
 
 def test_exceptions_of_the_progress_function_come_through() -> None:

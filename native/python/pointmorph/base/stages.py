@@ -19,6 +19,7 @@ _LABELS = {
     "cracks": "Measuring cracks",
     "decomposition": "Cutting shapes",
     "frames": "Making frames",
+    "handles": "Counting handles",
     "landing": "Projecting points",
     "lift": "Refining all points",
     "mesh quality": "Measuring the mesh",

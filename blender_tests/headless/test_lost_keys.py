@@ -1,0 +1,124 @@
+"""Morphs whose shape keys somebody has removed or renamed."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    add_mesh,
+    coordinates,
+    error_of,
+    key,
+    mark,
+    morph,
+    pair,
+    patch,
+    recompute,
+    set_t,
+    shown_points,
+    slider,
+    surface_of,
+)
+
+
+@pytest.fixture(params=["MESH", "POINTS"])
+def shown(request, settings):
+    settings.show_as = request.param
+    pair(14, 12)
+    return morph()
+
+
+def seen(obj):
+    """(3, N, 3): what is seen at the start, in the middle and at the end."""
+    found = []
+    for t in (0.0, 0.5, 1.0):
+        set_t(obj, t)
+        found.append(surface_of(obj) if obj.pointmorph.keeps_faces else shown_points(obj))
+    return np.array(found)
+
+
+def lose(obj, what):
+    keys = obj.data.shape_keys
+    if what == "all":
+        obj.shape_key_clear()
+    elif what == "renamed":
+        keys.key_blocks["Morph"].name = "Mine"
+    else:
+        obj.shape_key_remove(keys.key_blocks[what])
+    bpy.context.view_layer.update()
+
+
+@pytest.mark.parametrize("what", ["all", "Morph", "Basis", "renamed"])
+def test_recompute_brings_them_back(shown, what):
+    before = seen(shown)
+    lose(shown, what)
+    assert shown.pointmorph.state == "STALE"
+    assert shown.pointmorph.stale.startswith('the shape key "Morph" of "Hill to Dune" was removed')
+    assert "Recompute it" in error_of(bpy.ops.pointmorph.key_morph)
+    recompute(shown)
+    assert (shown.pointmorph.state, shown.pointmorph.stale) == ("CURRENT", "")
+    assert [k.name for k in shown.data.shape_keys.key_blocks] == ["Basis", "Morph"]
+    np.testing.assert_allclose(seen(shown), before, atol=1e-6)
+
+
+def test_points_follow_the_slider_of_the_mesh_again(settings):
+    settings.show_as = "MESH"
+    pair(14, 12)
+    mesh = morph()
+    points = mesh.pointmorph.made_from
+    mesh.shape_key_clear()
+    recompute(mesh)
+    set_t(mesh, 0.25)
+    assert slider(points).value == 0.25
+    points.shape_key_clear()
+    recompute(mesh)
+    set_t(mesh, 0.75)
+    assert slider(points).value == 0.75
+
+
+def test_keys_of_a_renamed_slider_stay(shown):
+    slider(shown).keyframe_insert("value", frame=3)
+    lose(shown, "renamed")
+    recompute(shown)
+    (path,) = {
+        curve.data_path
+        for layer in _channels(shown.data.shape_keys.animation_data.action)
+        for curve in layer
+    }
+    assert path == 'key_blocks["Morph"].value'
+
+
+def _channels(action):
+    if hasattr(action, "fcurves"):
+        return [action.fcurves]
+    return [bag.fcurves for layer in action.layers for s in layer.strips for bag in s.channelbags]
+
+
+@pytest.mark.parametrize("gone", ["all", "Morph", "Dune", "Basis"])
+def test_a_chain_gets_them_back(settings, gone):
+    settings.show_as = "MESH"
+    pair(14, 12)
+    between = add_mesh("Middle", *patch(11, bump=0.2))
+    mark(between, "peak", 0, 0)
+    mark(between, "slope", 0.5, 0.3)
+    settings.via.add().object = between
+    chain = morph()
+    before = [key(chain, name) for name in ("Basis", "Morph", "Middle", "Dune")]
+    lose(chain, gone)
+    assert chain.pointmorph.state == "STALE"
+    recompute(chain)
+    assert chain.pointmorph.state == "CURRENT"
+    for name, places in zip(("Basis", "Morph", "Middle", "Dune"), before, strict=True):
+        np.testing.assert_allclose(key(chain, name), places, atol=1e-6)
+    assert slider(chain).slider_max == 2.0
+    set_t(chain, 1.25)
+    values = {k.name: k.value for k in chain.data.shape_keys.key_blocks}
+    assert (values["Middle"], values["Dune"]) == (0.75, 0.25)
+
+
+def test_what_was_baked_stays(shown):
+    shown.shape_key_add(name="Mine").data[0].co.z += 1
+    moved = coordinates(shown.data.shape_keys.key_blocks["Mine"].data) - key(shown, "Basis")
+    lose(shown, "Basis")
+    recompute(shown)
+    now = key(shown, "Mine") - key(shown, "Basis")
+    np.testing.assert_allclose(now, moved, atol=1e-5)
