@@ -41,6 +41,9 @@ _is_other_state = False
 undo step is from right after a deletion, before anything looks at what is left."""
 _has_lost = False
 """Whether a morph was deleted since this file was opened."""
+_hidden = set()
+"""References to objects that were hidden because they came with a morph that was appended. Blender
+has no undo step of that: undo shows them again. Without those that the user has shown since."""
 
 
 def _remove(gone, points):
@@ -171,9 +174,23 @@ def _look():
         points_display.remove_unused()
         remove_left()
         _made, _has_lost = _morphs(), True
+    _keep_hidden(again)
     if before is not None:
         hide_appended(_made.keys() - before.keys(), before)
     return None
+
+
+def _keep_hidden(again):
+    """Hides what undo or redo, if they were there, have shown `again`; else takes note of what the
+    user has shown."""
+    for obj in [obj for obj in bpy.data.objects if _hidden and reference_to(obj) in _hidden]:
+        if not _is_hidden(obj):
+            if again and obj.hide_render:
+                _hide(obj)
+            else:
+                _hidden.discard(reference_to(obj))
+    if again and _hidden:
+        disc_faces.leave_scenes()
 
 
 def hide_appended(references, before):
@@ -197,6 +214,7 @@ def hide_appended(references, before):
     for obj in {one for points in appended for one in _hidden_with(points)} - known:
         if obj.hide_render and _is_there(obj):
             _hide(obj)
+            _hidden.add(reference_to(obj))
     disc_faces.leave_scenes()
 
 
@@ -266,6 +284,7 @@ def _note_other_state(*_):
 def _clear():
     global _made, _is_other_state, _has_lost
     _made, _is_other_state, _has_lost = None, False, False
+    _hidden.clear()
 
 
 def _stop():

@@ -166,6 +166,45 @@ def test_what_an_appended_morph_stands_for_is_hidden(addon, settings, tmp_path, 
     assert not bpy.data.objects["Hill"].hide_get()
 
 
+def test_undo_after_appending_shows_only_what_was_shown(addon, settings, tmp_path):
+    """Blender's undo step is from before it was hidden."""
+    left, path = addon("scene.left_copies"), str(tmp_path / "morph.blend")
+    pair()
+    settings.show_as = "MESH"
+    name = morph().name
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+
+    def shown():
+        left._look()
+        return {obj.name for obj in bpy.context.scene.objects if obj.visible_get()}
+
+    def change(x):
+        bpy.data.objects[name].location.x = x
+        bpy.ops.ed.undo_push(message="Move")
+        left._look()
+
+    left._look()
+    bpy.ops.ed.undo_push(message="Start")
+    bpy.ops.wm.append(directory=f"{path}/Object/", filename=name)
+    bpy.ops.ed.undo_push(message="Append")
+    assert shown() == {name}
+    change(1)
+    bpy.ops.ed.undo()
+    assert shown() == {name}
+    bpy.ops.ed.undo()
+    assert shown() == set()
+    bpy.ops.ed.redo()
+    assert shown() == {name}
+    bpy.data.objects["Hill"].hide_set(False)  # the user's own choice
+    assert shown() == {name, "Hill"}
+    bpy.ops.ed.undo_push(message="Show")
+    change(2)
+    bpy.ops.ed.undo()
+    assert shown() == {name, "Hill"}
+    left._stop()
+
+
 @pytest.mark.parametrize("kind", ["MESH", "DISCS"])
 def test_a_duplicate_hides_nothing(addon, settings, kind):
     left = addon("scene.left_copies")
