@@ -291,22 +291,20 @@ def _mesh_as_shown(context, obj, created):
     )
     created(mesh)
     if obj.type != "MESH" and not len(mesh.polygons):
-        raise pointmorph.CloudError(
-            obj.name,
-            "faces in the viewport",
-            "none",
-            "Extrude, bevel or fill the curve, or choose another object."
-            if obj.type in {"CURVE", "FONT"}
-            else "Choose another object.",
-        )
+        raise pointmorph.CloudError(obj.name, "faces in the viewport", "none", _advice(obj))
     if not len(mesh.vertices):
-        raise pointmorph.CloudError(
-            obj.name,
-            "vertices in the viewport",
-            "none",
-            "Enable it, check its modifiers, or turn on Keep Modifiers.",
-        )
+        raise shape_reader.nothing_shown(obj, depsgraph)
     return mesh
+
+
+def _advice(obj):
+    """What gives an object faces that is no mesh and shows none."""
+    if obj.type == "META":  # those of a family are one surface, which the first one has
+        family = obj.name.partition(".")[0]
+        return f'Choose "{family}", which shows the whole surface of these metaballs.'
+    if obj.type in {"CURVE", "FONT"}:
+        return "Extrude, bevel or fill the curve, or choose another object."
+    return "Choose another object."
 
 
 def _link(context, obj, copy):

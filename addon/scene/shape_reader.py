@@ -75,6 +75,8 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=()):
         # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
+            if not len(mesh.vertices):
+                raise nothing_shown(obj, depsgraph)
             return finish(
                 _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures, chosen)
             )
@@ -104,6 +106,31 @@ def disabled(obj):
         "one that is disabled in viewports, or in a disabled collection",
         "Enable it in the Outliner. Hiding it with the eye icon is fine.",
     )
+
+
+_OF_NODES = {
+    "POINTCLOUD": ("points", 'Add the node "Points to Vertices"'),
+    "CURVES": ("curves", 'Add the node "Curve to Mesh" with a profile'),
+    "CURVE": ("curves", 'Add the node "Curve to Mesh" with a profile'),
+    "VOLUME": ("a volume", 'Add the node "Volume to Mesh"'),
+}
+"""What geometry nodes show besides a mesh, by the type of the object: in words, and what makes a
+mesh of it."""
+
+
+def nothing_shown(obj, depsgraph):
+    """The error that the viewport shows no mesh of an object; what it shows instead is named."""
+    shown = {
+        instance.object.type
+        for instance in depsgraph.object_instances
+        if instance.is_instance and instance.parent and instance.parent.original == obj
+    }
+    found, advice = "none", "Check its modifiers."
+    if shown:
+        words = next((words for kind, words in _OF_NODES.items() if kind in shown), None)
+        words = words or ("instances", 'Add the node "Realize Instances"')
+        found, advice = f"{words[0]}", f"{words[1]} at the end of its Geometry Nodes."
+    return pointmorph.CloudError(obj.name, "a mesh in the viewport", found, advice)
 
 
 def _changed(obj):

@@ -382,6 +382,50 @@ def test_what_is_no_mesh_is_morphed(settings, capfd, kind, side):
     assert not other.hide_render
 
 
+def show_by_nodes(obj, *kinds):
+    """Geometry nodes that go through nodes of these kinds."""
+    group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    for in_out in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    made = group.nodes.new("NodeGroupInput")
+    for kind in (*kinds, "NodeGroupOutput"):
+        node = group.nodes.new(kind)
+        group.links.new(made.outputs[0], node.inputs[0])
+        made = node
+    obj.modifiers.new("Scatter", "NODES").node_group = group
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+@pytest.mark.parametrize(
+    ("kind", "found", "node"),
+    [
+        ("GeometryNodeMeshToPoints", "points", "Points to Vertices"),
+        ("GeometryNodeInstanceOnPoints", "instances", "Realize Instances"),
+        ("GeometryNodeMeshToCurve", "curves", "Curve to Mesh"),
+    ],
+)
+def test_what_nodes_show_in_place_of_a_mesh_is_named(settings, side, kind, found, node):
+    """It was said to need more points."""
+    pair()
+    obj = getattr(settings, side)
+    show_by_nodes(obj, kind)
+    if found == "instances":
+        nodes = obj.modifiers[0].node_group
+        cube = nodes.nodes.new("GeometryNodeMeshCube")
+        placed = next(n for n in nodes.nodes if n.bl_idname == kind)
+        nodes.links.new(cube.outputs[0], placed.inputs["Instance"])
+    said = error_of(bpy.ops.pointmorph.morph)
+    assert f"{obj.name}: expected a mesh in the viewport, found {found}. " in said
+    assert f'Add the node "{node}"' in said
+
+
+def test_metaballs_that_belong_to_others_say_to_which(settings):
+    for x in (0, 1):
+        bpy.ops.object.metaball_add(location=(x, 0, 0))
+    pick(bpy.context.object, add_mesh("Dune", *patch(9)))
+    assert 'Choose "Mball"' in error_of(bpy.ops.pointmorph.morph)
+
+
 def test_what_shows_no_faces_is_refused(settings):
     bpy.ops.curve.primitive_bezier_circle_add()
     circle = bpy.context.object

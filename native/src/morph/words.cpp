@@ -7,6 +7,8 @@
 #include <cstdio>
 #include <numbers>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "base/angle.hpp"
 #include "measures/place_words.hpp"
@@ -61,13 +63,16 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
         default:
             break;
     }
-    std::string places;
+    std::vector<std::string> places;
     for (const Index place : rival.places) {
-        const std::string words = where(source, place, features, &Feature::source);
-        if (places.find(words) != std::string::npos) continue;
-        places += (places.empty() ? "" : "; ") + words;
+        std::string words = where(source, place, features, &Feature::source);
+        if (!words.empty() && std::ranges::find(places, words) == places.end())
+            places.push_back(std::move(words));
     }
-    return "with parts of it matched differently (" + places + ")";
+    std::string text = "with parts of it matched differently";
+    for (const std::string& place : places)
+        text += (&place == &places.front() ? " (" : "; ") + place;
+    return places.empty() ? text : text + ")";
 }
 
 }  // namespace

@@ -138,6 +138,23 @@ TEST(Words, HeadAndTailAreNotSaidOfThings) {
     EXPECT_EQ(text.find("head"), std::string::npos) << text;
 }
 
+TEST(Words, PartsThatAreMatchedDifferentlyAreNamedOnceOrNotAtAll) {
+    Cloud ball = mesh_shapes::icosphere(2);
+    ball.name = "ball";
+    Diagnostics found;
+    found.rivals.emplace_back();
+    found.rivals.back().swap = Swap::kPlaces;
+    const std::string none = doubts(found, ball, ball, {});
+    EXPECT_NE(none.find("matched differently. Mark"), std::string::npos) << none;
+    Eigen::Index row = 0, corner = 0;
+    ball.positions.col(0).maxCoeff(&row);
+    (ball.positions.col(0) + ball.positions.col(1)).maxCoeff(&corner);
+    // The words of the one are part of those of the other.
+    found.rivals.back().places = {to_index(corner), to_index(row), to_index(row)};
+    const std::string two = doubts(found, ball, ball, {});
+    EXPECT_NE(two.find("(toward +X, +Y; toward +X)"), std::string::npos) << two;
+}
+
 TEST(Words, TellTwoPlacesOnOneSideApart) {
     Cloud ball = mesh_shapes::icosphere(4);
     ball.name = "ball";
