@@ -424,6 +424,7 @@ _OF_MORPH = (
     "recipe",
     "faces",
     "noted",
+    "applied",
     "too_fine",
     "baked",
     "key_frames",

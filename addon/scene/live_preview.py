@@ -36,7 +36,7 @@ def _ends_of(result, shown, earlier):
     """The _Ends of what shows a morph object; None where the map isn't its own."""
     source, target = earlier.request.source, earlier.request.target
     if shown != result:
-        back = np.linalg.inv(morph_object.source_matrix_of(result))
+        back = np.linalg.inv(morph_object.source_matrix_of(shown))
         fits = len(shown.data.vertices) == len(earlier.landing)
         return _Ends(earlier.landing, None, back) if fits else None
     try:

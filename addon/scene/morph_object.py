@@ -200,10 +200,19 @@ def position_of(obj, source_row, shown):
 
 
 def source_matrix_of(obj):
-    """(4, 4): from the source's own space to the morph's frame, whose origin is the source's."""
+    """(4, 4): from the source's own space to the morph's frame, whose origin is the source's; of a
+    mesh with the source's faces, from its own space, where that is another one."""
     matrix = np.eye(4)
     matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
-    return matrix
+    return matrix @ np.linalg.inv(kept_matrix_of(obj))
+
+
+def kept_matrix_of(obj):
+    """(4, 4): from the source's own space to that of a mesh with its faces: what was applied to the
+    mesh (Ctrl+A), and its points keep."""
+    matrix = np.reshape(obj.pointmorph.applied, (4, 4)).astype(np.float64)
+    usable = obj.pointmorph.keeps_faces and np.isfinite(matrix).all() and np.linalg.det(matrix)
+    return matrix if usable else np.eye(4)
 
 
 def t_key(obj):

@@ -44,16 +44,17 @@ def make_mesh(context, obj):
         created(copy)
         copy.data = mesh
         copy.pointmorph.recipe = ""  # of a source that morphs itself
+        copy.pointmorph.property_unset("applied")
         copy.pointmorph.mesh = None
         copy.pointmorph.shown_from = None  # of a source that is a copy itself
         copy.name = mesh.name = f"{obj.name} Mesh"
-        copy.hide_render = False
+        copy.hide_render = copy.hide_viewport = copy.hide_select = False
         copy.show_only_shape_key = False
         creation.link(context, copy)
         _know(copy, obj)
         if mesh.shape_keys is None:
             copy.shape_key_add(name="Basis", from_mix=False)
-        places = _own_places(source, places, back)
+        places = _own_places(source, places, back, np.eye(4))
         key = morph_builder.add_keys(copy, places, morph_object.stage_names(obj)[1:])
         key.value = morph_object.t_key(obj).value
         _write_ways(copy, obj, places, back)
@@ -72,10 +73,11 @@ def left_off(source):
     return [modifier.name for modifier in source.modifiers if modifier.type in nodes.MUST_BE_FIRST]
 
 
-def _own_places(source, places, back):
-    """The places of `result.source_ways` in the source's own space, the first bit by bit."""
+def _own_places(source, places, back, kept):
+    """The places of `result.source_ways` in the own space of a copy of the source, the first bit by
+    bit where that is the source's: see `morph_object.kept_matrix_of`."""
     rest = [transforms.move_positions(back, place) for place in places[1:]]
-    return [arrays.basis_positions(source.data), *rest]
+    return [transforms.move_positions(kept, arrays.basis_positions(source.data)), *rest]
 
 
 def _write_ways(copy, obj, places, back):
@@ -114,20 +116,21 @@ def remake_mesh(copy, obj):
     """
     morph_object.t_key(copy)
     source, places, _, back = morph_paths.source_ways(obj)
-    places = _own_places(source, places, back)
+    kept = placement.keep(copy)
+    back = kept @ back
+    places = _own_places(source, places, back, kept)
     mesh, keys = copy.data, copy.data.shape_keys.key_blocks
     own = morph_object.morph_keys(copy)
     base = arrays.key_positions(keys[0])
     moves = {key.name: arrays.key_positions(key) - base for key in keys[1:] if key.name not in own}
-    same = len(base) == len(places[0]) and all(
-        np.array_equal(read(mesh), read(source.data))
-        for read in (arrays.mesh_edges, arrays.mesh_corners)
-    )
+    same = len(base) == len(places[0]) and _has_faces_of(mesh, source.data, kept)
     lost = []
     again = recipes.names_transferred(copy)
     if not same:
         lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
+        if transforms.is_mirrored(kept):
+            mesh.flip_normals()
     arrays.move_vertices(mesh, places[0])
     arrays.write_key(keys[0], places[0])
     morph_builder.write_keys(copy, places)
@@ -138,7 +141,8 @@ def remake_mesh(copy, obj):
     of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
     for name, move in moves.items():
         if name in of_source:
-            arrays.write_key(keys[name], arrays.key_positions(of_source[name]))
+            positions = arrays.key_positions(of_source[name])
+            arrays.write_key(keys[name], transforms.move_positions(kept, positions))
         elif same:
             arrays.write_key(keys[name], places[0] + move)
         else:
@@ -148,9 +152,15 @@ def remake_mesh(copy, obj):
     for user in morph_object.users_of(copy):
         placed_by = placement.placed_by(user)
         _know(user, obj)
-        placement.follow_source(user, placed_by, obj, (base, places[0]))
+        placement.follow_source(user, placed_by, (base, places[0]))
         user.update_tag()
     return lost
+
+
+def _has_faces_of(mesh, source, kept):
+    """Whether a mesh has the faces of another; Blender turns them where it applies a mirroring."""
+    reads = [arrays.mesh_edges, arrays.mesh_corners][: 1 if transforms.is_mirrored(kept) else 2]
+    return all(np.array_equal(read(mesh), read(source)) for read in reads)
 
 
 def _take_uvs(copy, obj, source):

@@ -138,6 +138,12 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Where a few points are at the first and the last shape, as JSON, to know what "
         "was applied to this object",
     )
+    applied: bpy.props.FloatVectorProperty(
+        name="Applied",
+        description="Matrix of the transforms that were applied to this mesh and that its points "
+        "keep, row by row. Zeros for none",
+        size=16,
+    )
     too_fine: bpy.props.StringProperty(
         name="Too Fine",
         description="Name of a shape that the source has too few vertices to show",

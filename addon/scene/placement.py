@@ -46,8 +46,8 @@ def give_back(*objects):
     Returns
     -------
     list of str
-        Which keep them, in words: something else than the user moves them, or they would have to be
-        sheared.
+        Which points would lose them if they were computed again, in words: something else than the
+        user moves them, or they would have to be sheared. Meshes keep them: see `keep`.
     """
     kept = []
     for obj in objects:
@@ -55,12 +55,27 @@ def give_back(*objects):
         if matrix is None or not obj.data.is_editable:
             continue
         if not all(map(is_free, users)):
-            kept.append(f'something else than you moves "{obj.name}"')
+            words = f'something else than you moves "{obj.name}"'
         elif any(_is_sheared(np.array(user.matrix_basis) @ matrix) for user in users):
-            kept.append(f'with its own, they shear "{obj.name}"')
+            words = f'with its own, they shear "{obj.name}"'
         else:
             _give_back(obj, users, matrix)
+            continue
+        if not obj.pointmorph.keeps_faces:
+            kept.append(words)
     return kept
+
+
+def keep(mesh):
+    """Has a mesh with the source's faces know what was applied to it and couldn't be given back:
+    its points have it from now on. Returns all of it, (4, 4)."""
+    matrix = morph_object.kept_matrix_of(mesh)
+    added = applied.matrix_of(mesh)
+    if added is not None:
+        matrix = added @ matrix
+        for user in morph_object.users_of(mesh):
+            user.pointmorph.applied = matrix.reshape(-1)
+    return matrix
 
 
 def _is_sheared(matrix):
@@ -133,20 +148,18 @@ def is_free(obj):
     )
 
 
-def follow_source(mesh, known, obj, places):
+def follow_source(mesh, known, places):
     """Puts a mesh with the source's faces where the morph lies, now that its source was moved,
     turned or scaled. Where the user moved it, it stays.
 
     Parameters
     ----------
     known : tuple of (3,) array or None, and (4, 4) array
-        What `placed_by` said of the mesh before.
-    obj : Object
-        The morph object, which knows what they are now.
+        What `placed_by` said of the mesh before; it says what they are now.
     places : tuple of (N, 3) arrays
-        Of the source's vertices in its own space, before and now.
+        Of the mesh's vertices in its own space, before and now.
     """
-    origin, source_matrix = placed_by(obj)
+    origin, source_matrix = placed_by(mesh)
     if origin is None or known[0] is None:
         return
     matrices = known[1], source_matrix

@@ -7,8 +7,10 @@ points'. Points and discs are two looks of one object.
 
 import contextlib
 
+import bpy
 import pointmorph
 
+from ..data import areas
 from . import (
     morph_builder,
     morph_object,
@@ -229,3 +231,33 @@ def set_visible(context, obj, visible):
         obj.hide_set(not visible, view_layer=context.view_layer)
     if obj.is_editable:
         obj.hide_render = not visible
+    if visible:
+        _put_in_local_views(context, obj)
+
+
+def _put_in_local_views(context, obj):
+    """Shows an object where a local view shows what it belongs to: otherwise nobody would see it
+    there."""
+    for space in areas.local_views():
+        with contextlib.suppress(RuntimeError):  # it isn't in this view layer
+            if any(_is_in_local_view(one, space) for one in _belonging_to(context, obj)):
+                obj.local_view_set(space, True)
+
+
+def _belonging_to(context, obj):
+    """What is active or picked, and all parts of the morphs that an object is a part of."""
+    found = {context.view_layer.objects.active, *staleness.picked_shapes(context.scene)}
+    for made in filter(morph_object.is_made, bpy.data.objects):
+        shapes = [shape for shape in recipes.shapes_of(made) if shape is not None]
+        originals = [recipes.original_of(shape) for shape in shapes]
+        known = made.pointmorph
+        parts = {made, known.mesh, known.made_from, *shapes, *originals}
+        if obj in parts:
+            found |= parts
+    return found - {None}
+
+
+def _is_in_local_view(obj, space):
+    with contextlib.suppress(RuntimeError):  # it isn't in this view layer
+        return obj.local_view_get(space)
+    return False

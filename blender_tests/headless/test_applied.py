@@ -4,7 +4,17 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import error_of, morph, pair, recompute, select, set_t, shown_points, surface_of
+from scenes import (
+    coordinates,
+    error_of,
+    morph,
+    pair,
+    recompute,
+    select,
+    set_t,
+    shown_points,
+    surface_of,
+)
 
 pytestmark = pytest.mark.interface
 
@@ -93,31 +103,126 @@ def show_again(shown):
     assert bpy.ops.pointmorph.show_as(kind=kind) == {"FINISHED"}
 
 
-def test_what_would_shear_it_is_lost_and_said(shown, capfd):
-    """Whatever else is pressed leaves it as it looks."""
-    shown.rotation_euler.z += 0.7
-    apply(shown)
-    shown.scale.x = 3
+def shear(obj):
+    obj.rotation_euler.z += 0.7
+    apply(obj)
+    obj.scale.x = 3
+
+
+def animate_place(obj):
+    turn(obj)
+    apply(obj)
+    obj.keyframe_insert("location", frame=1)
+
+
+def constrain(obj):
+    turn(obj)
+    apply(obj)
+    obj.constraints.new("LIMIT_SCALE")
+
+
+def mirror(obj):
+    obj.scale.x = -1
+    animate_place(obj)
+
+
+LOST = {
+    shear: "with its own, they shear",
+    animate_place: "something else than you moves",
+    constrain: "something else than you moves",
+}
+
+
+@pytest.mark.parametrize("change", [*LOST, mirror])
+def test_a_mesh_that_cannot_get_them_back_keeps_them(settings, change, capfd):
+    """Whatever is pressed leaves it as it looks; Recompute let it jump."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.matrix_world = TURNED
+    source.shape_key_add(name="Basis")
+    for point in source.shape_key_add(name="Wide").data:
+        point.co.x *= 2
+    shown = morph()
+    change(shown)
     before = seen(shown)
+    side = shown.data.polygons[0].normal.copy()
     show_again(shown)
     np.testing.assert_array_equal(seen(shown), before)
-    capfd.readouterr()
-    recompute(shown)
-    said = 'Applied transforms were lost: with its own, they shear "Hill to Dune"'
-    assert said in capfd.readouterr().out
-    assert shown.pointmorph.state == "CURRENT"
+    for _ in range(2):
+        recompute(shown)
+        assert (shown.pointmorph.state, shown.pointmorph.stale) == ("CURRENT", "")
+        np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+        assert shown.data.polygons[0].normal.dot(side) > 0.99
+    assert "were lost" not in capfd.readouterr().out
+    keys = shown.data.shape_keys.key_blocks
+    keys["Wide"].value = 1.0
+    wide = seen(shown)[0]
+    keys["Wide"].value = 0.0
+    source.hide_set(False)
+    applied = np.reshape(shown.pointmorph.applied, (4, 4))
+    expected = coordinates(source.data.shape_keys.key_blocks["Wide"].data)
+    matrix = np.array(shown.matrix_world) @ applied
+    np.testing.assert_allclose(wide, expected @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-4)
 
 
-def test_what_was_applied_to_an_animated_morph_is_lost_and_said(shown, capfd):
+def test_its_curved_ways_are_applied_as_well(settings):
+    settings.show_as, settings.path = "MESH", "auto"
+    pair(14, 12)[1].rotation_euler.x = 1.2
+    shown = morph()
     turn(shown)
+    before = seen(shown)
     apply(shown)
     shown.keyframe_insert("location", frame=1)
+    assert np.abs(seen(shown)[1] - before[1]).max() > 0.01
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    set_t(shown, 0.0)
+    points = bpy.context.view_layer.objects.active
+    matrix = np.array(points.matrix_world)
+    found = shown_points(points) @ matrix[:3, :3].T + matrix[:3, 3]
+    for side in (np.min, np.max):
+        np.testing.assert_allclose(side(found, axis=0), side(before[0], axis=0), atol=1e-4)
+
+
+def test_more_can_be_applied_to_a_mesh_that_keeps_some(settings):
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    shown = morph()
+    animate_place(shown)
+    recompute(shown)
+    shown.animation_data_clear()
+    shown.rotation_euler.x = 0.4
+    apply(shown)
+    before = seen(shown)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+    assert shown.rotation_euler.x != 0  # what it could get back
+    animate_place(shown)
+    before = seen(shown)
+    recompute(shown)
+    np.testing.assert_allclose(seen(shown), before, atol=1e-4)
+    for vertex in source.data.vertices:
+        vertex.co.z *= 1.5
+    recompute(shown)
+    shown.animation_data_clear()
+    morph(new_result=True)
+    again = bpy.context.view_layer.objects.active
+    assert not any(again.pointmorph.applied)
+
+
+@pytest.mark.parametrize("change", LOST)
+def test_points_that_cannot_get_them_back_lose_them_and_say_so(settings, change, capfd):
+    """Whatever else is pressed leaves them as they look."""
+    pair(14, 12)
+    shown = morph()
+    change(shown)
     before = seen(shown)
     show_again(shown)
     np.testing.assert_array_equal(seen(shown), before)
     capfd.readouterr()
     recompute(shown)
-    said = 'Applied transforms were lost: something else than you moves "Hill to Dune"'
+    said = f'Applied transforms were lost: {LOST[change]} "Hill to Dune"'
     assert said in capfd.readouterr().out
     assert shown.pointmorph.state == "CURRENT"
 

@@ -60,6 +60,23 @@ def test_the_source_s_faces_show_the_morph(painted):
         assert np.linalg.norm(surface_of(shown) - corners[corner], axis=1).min() < 0.05
 
 
+@pytest.mark.parametrize("modifier", [False, True])
+def test_a_source_that_is_disabled_in_viewports_or_locked_is_shown_as_a_morph(settings, modifier):
+    """Its copy was as invisible."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.hide_select = True
+    if modifier:
+        source.modifiers.new("Twice", "ARRAY")
+    else:
+        source.hide_viewport = True
+    shown = morph()
+    assert shown.visible_get()
+    assert not (shown.hide_viewport or shown.hide_select)
+    recompute(shown)
+    assert shown.visible_get()
+
+
 def test_points_have_the_same_slider(painted):
     _, _, shown = painted
     points = shown.pointmorph.made_from
