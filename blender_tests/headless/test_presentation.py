@@ -72,7 +72,7 @@ def test_a_source_that_is_disabled_in_viewports_or_locked_is_shown_as_a_morph(se
         source.hide_viewport = True
     shown = morph()
     assert shown.visible_get()
-    assert not (shown.hide_viewport or shown.hide_select)
+    assert (shown.hide_viewport, shown.hide_select) == (False, False)
     recompute(shown)
     assert shown.visible_get()
 
