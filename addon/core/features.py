@@ -222,7 +222,8 @@ def _members(shape, name):
             shape.name,
             f"a point with a weight above 0 in the {group}",
             "none",
-            f'Mark "{name}" on a vertex of "{shape.name}", or remove the feature.',
+            f'Mark "{name}" on a vertex of "{shape.name}", or remove the feature. Modifiers that '
+            "make a new mesh, such as Remesh, lose marks: turn them off, or apply them first.",
         )
     return rows[weights > 0], weights[weights > 0]
 

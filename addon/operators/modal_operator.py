@@ -66,7 +66,7 @@ class Computing:
             return {"CANCELLED"}
         except pointmorph.PointmorphError as error:
             self.cancel(context)
-            return fail(self, error)
+            return fail(self, self._told(error))
         except ReferenceError:
             self.cancel(context)
             self.report({"WARNING"}, "Something was deleted in the meantime: start again")
@@ -122,6 +122,10 @@ class Computing:
     def _meanwhile(self, context):
         """Called now and then while it computes."""
 
+    def _told(self, error):
+        """A PointmorphError in the words that the user gets."""
+        return error
+
     def _leave(self, context):
         """Called at the end, however it came, before `_finish`."""
 
@@ -132,7 +136,7 @@ class Computing:
             compute = finish(self._begin_steps(context))
             return self._finish_noted(context, compute(lambda stage, fraction: True))
         except pointmorph.PointmorphError as error:
-            return fail(self, error)
+            return fail(self, self._told(error))
         except Exception as error:
             traceback.print_exc()
             return fail_unexpectedly(self, error)

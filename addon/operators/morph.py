@@ -55,6 +55,7 @@ class _Morphing(Recomputing):
     _shown = ""  # name of the coarse morph's object
     _made = None  # what is computed again
     _copies = ()  # references to those of shapes as shown, and how these were hidden
+    _originals = {}  # by the name of each copy, that of its original
     _renewed = ()  # references to those that a morph had already, and to their meshes before
     _applied = _kept = _dropped = ()  # names of what changes the source
 
@@ -85,7 +86,7 @@ class _Morphing(Recomputing):
         settings = context.scene.pointmorph
         shapes = staleness.picked_shapes(context.scene)
         self._kept = self._applied = self._dropped = ()
-        self._copies, self._renewed = [], []
+        self._copies, self._renewed, self._originals = [], [], {}
         if None in shapes:
             raise pointmorph.CloudError(
                 "Source and Target", "two objects", "one that is gone", "Choose it again."
@@ -119,9 +120,17 @@ class _Morphing(Recomputing):
                 copy = known[shape]
                 mesh = as_shown.renew(context, copy)
                 self._renewed.append((reference_to(copy), reference_to(mesh), before))
+            self._originals[copy.name] = shape.name
             staleness.pick_instead(settings, shape, copy)
             update(context, copy)
         return there
+
+    def _told(self, error):
+        """Nobody finds the copies of which it is: they are taken back."""
+        words = [error.subject, error.expected, error.found, error.advice]
+        for copy in sorted(self._originals, key=len, reverse=True):  # "… as Shown.001" first
+            words = [text.replace(copy, self._originals[copy]) for text in words]
+        return type(error)(*words)
 
     def _take_copies_back(self, context):
         """After an error, or Esc, the shapes are what they were."""

@@ -419,6 +419,16 @@ def test_what_nodes_show_in_place_of_a_mesh_is_named(settings, side, kind, found
     assert f'Add the node "{node}"' in said
 
 
+def test_an_error_names_the_object_that_is_there(settings):
+    """It named the copy that was morphed, which is taken back."""
+    source, _ = pair()
+    source.modifiers.new("Blocks", "REMESH").mode = "BLOCKS"
+    said = error_of(bpy.ops.pointmorph.morph)
+    assert 'Hill: expected a point with a weight above 0 in the vertex group "pm.peak"' in said
+    assert "as Shown" not in said
+    assert "such as Remesh, lose marks" in said
+
+
 def test_metaballs_that_belong_to_others_say_to_which(settings):
     for x in (0, 1):
         bpy.ops.object.metaball_add(location=(x, 0, 0))
