@@ -17,6 +17,12 @@ MADE_TYPES = ("CURVE", "FONT", "META", "SURFACE")
 
 MORPHED_TYPES = SHAPE_TYPES + MADE_TYPES
 
+
+def type_name(obj):
+    """The type of an object as Blender's menus have it, such as "Point Cloud"."""
+    return obj.bl_rna.properties["type"].enum_items[obj.type].name
+
+
 # By type of attribute: the name of its values, and how many numbers each has.
 _VALUES = {
     "FLOAT": ("value", 1),

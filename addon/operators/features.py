@@ -384,7 +384,7 @@ def _selected_vertices(obj):
         raise pointmorph.FeatureError(
             obj.name,
             "a mesh",
-            f"an object of type {obj.type}",
+            f"an object of type {arrays.type_name(obj)}",
             f'Store a point attribute "{PREFIX}name" that is 1 at the point, for instance with '
             "Geometry Nodes.",
         )

@@ -6,7 +6,7 @@ import pointmorph
 
 from ..core import background_job, done_steps
 from ..data import chains
-from ..data.arrays import MORPHED_TYPES
+from ..data.arrays import MORPHED_TYPES, type_name
 from ..scene import (
     blended_textures,
     left_copies,
@@ -117,7 +117,7 @@ def select_reason(context):
                 "(Object > Apply > Make Instances Real)"
             )
         if obj.type not in MORPHED_TYPES:
-            kind = obj.bl_rna.properties["type"].enum_items[obj.type].name
+            kind = type_name(obj)
             return f'"{obj.name}" can\'t be morphed: it has no surface ({kind})'
     return SELECT
 

@@ -169,7 +169,7 @@ def _unchanged_target(obj):
         raise pointmorph.CloudError(
             target.name,
             "a mesh to transfer attributes from",
-            f"an object of type {target.type}",
+            f"an object of type {arrays.type_name(target)}",
             "Its colors and radii are already part of the morph.",
         )
     return target

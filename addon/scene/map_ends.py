@@ -89,7 +89,7 @@ def _check_changeable(obj, shape, what):
         raise pointmorph.CloudError(
             shape.name,
             "a mesh to transfer attributes to",
-            f"an object of type {shape.type}",
+            f"an object of type {arrays.type_name(shape)}",
             "Convert it (Object > Convert > Mesh).",
         )
     if shape.library is not None or shape.data.library is not None:

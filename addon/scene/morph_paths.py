@@ -96,7 +96,7 @@ def source_ways(obj):
         raise pointmorph.CloudError(
             source.name,
             "a mesh, to hold shape keys",
-            f"an object of type {source.type}",
+            f"an object of type {arrays.type_name(source)}",
             "Bake on the morph object instead.",
         )
     if source.mode == "EDIT":

@@ -53,7 +53,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=()):
         raise pointmorph.CloudError(
             obj.name,
             "a mesh or a point cloud",
-            f"an object of type {obj.type}",
+            f"an object of type {arrays.type_name(obj)}",
             "Convert it (Object > Convert > Mesh), or choose another object.",
         )
     evaluated = evaluated_of(obj, context.evaluated_depsgraph_get())

@@ -377,7 +377,7 @@ def test_an_object_that_was_removed(settings):
 def test_another_type(settings):
     pair()
     settings.target = add_object("Rope", None)
-    assert "Rope: expected a mesh or a point cloud" in refused()
+    assert "Rope: expected a mesh or a point cloud, found an object of type Empty" in refused()
 
 
 def test_a_flat_scale(settings):
