@@ -1,5 +1,8 @@
 """Shape keys of a morph that somebody has removed or renamed, and how it gets them back."""
 
+import numpy as np
+
+from ..core import remembered
 from ..data import arrays, attribute_names, versions
 from . import morph_builder, morph_object, path_display, recipes, slider_keys
 
@@ -30,7 +33,7 @@ def restore(obj):
     if not lost or not editable or _renamed_back(obj, lost):
         return
     places = _places(obj)
-    if places is None:
+    if places is None or (None in recipes.shapes_of(obj) and not _starts_at(obj, places[0])):
         return
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
@@ -92,6 +95,16 @@ def _renamed_back(obj, lost):
             key.name = name
             return len(lost) == 1
     return False
+
+
+def _starts_at(obj, start):
+    """Whether vertices are where they were made: not where shape keys were applied on the way,
+    which can't be told from an edit, and only what was morphed puts right."""
+    noted = remembered.noted(obj.pointmorph.noted)
+    if noted is None or any(row >= len(start) for row, *_ in noted[0]):
+        return False
+    known = np.array([place for _, *place in noted[0]])
+    return np.allclose(start[[row for row, *_ in noted[0]]], known, atol=1e-5 * np.abs(known).max())
 
 
 def _places(obj):

@@ -70,7 +70,7 @@ def state(obj, prints=None):
         return UNKNOWN, ["made by an earlier version, which stored no settings"]
     shapes = recipes.shapes_of(obj)
     if None in shapes:
-        return ORPHAN, list(recipes.gone_words(obj).values())
+        return ORPHAN, [*recipes.gone_words(obj).values(), *lost_keys.words(obj)]
     prints = fingerprints(obj) if prints is None else prints
     reasons = []
     if morph_object.is_edited(obj):

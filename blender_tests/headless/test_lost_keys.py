@@ -77,6 +77,28 @@ def test_points_follow_the_slider_of_the_mesh_again(settings):
     assert slider(points).value == pytest.approx(0.75)
 
 
+@pytest.mark.parametrize("applied", [False, True])
+def test_without_the_source_as_well(shown, applied):
+    """What the mesh holds is enough, unless its vertices are on the way."""
+    before = seen(shown)
+    bpy.data.objects.remove(bpy.data.objects["Hill"])
+    if applied:
+        set_t(shown, 0.5)
+        bpy.ops.object.shape_key_remove(all=True, apply_mix=True)
+    else:
+        lose(shown, "all")
+    bpy.context.view_layer.update()
+    assert shown.pointmorph.state == "ORPHAN"
+    assert 'the shape key "Morph" of "Hill to Dune" was removed' in shown.pointmorph.stale
+    if not applied:
+        recompute(shown)
+        assert shown.pointmorph.stale == '"Hill" no longer exists'
+        np.testing.assert_allclose(seen(shown), before, atol=1e-6)
+    elif not shown.pointmorph.keeps_faces:
+        select(shown)
+        assert 'with its shape key "Morph"' in error_of(bpy.ops.pointmorph.recompute)
+
+
 def test_keys_of_a_renamed_slider_stay(shown):
     slider(shown).keyframe_insert("value", frame=3)
     lose(shown, "renamed")
