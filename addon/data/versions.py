@@ -133,6 +133,21 @@ def remove_curve(block, path):
             curves.remove(curve)
 
 
+def own_action(block, created):
+    """Gives a data-block a copy of its action, which a copy of a data-block shares with the
+    original. `created` gets it."""
+    data = None if block is None else block.animation_data
+    if data is None or data.action is None:
+        return
+    slot = getattr(data, "action_slot", None)
+    name = None if slot is None else slot.identifier
+    action = data.action.copy()
+    created(action)
+    data.action = action
+    if name is not None:
+        data.action_slot = next(slot for slot in action.slots if slot.identifier == name)
+
+
 def _lists_of_curves(block):
     """Since Blender 5.0 an action has curves by slot alone."""
     data = block.animation_data

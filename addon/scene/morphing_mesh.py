@@ -9,7 +9,7 @@ import numpy as np
 import pointmorph
 
 from ..core import path_stages, transforms
-from ..data import arrays, attribute_names, creation, nodes
+from ..data import arrays, attribute_names, creation, nodes, versions
 from . import (
     attribute_transfer,
     blended_textures,
@@ -43,6 +43,7 @@ def make_mesh(context, obj):
         copy = creation.copied(source)
         created(copy)
         copy.data = mesh
+        versions.own_action(mesh.shape_keys, created)  # which the slider's keys go into
         copy.pointmorph.recipe = ""  # of a source that morphs itself
         copy.pointmorph.property_unset("applied")
         copy.pointmorph.mesh = None

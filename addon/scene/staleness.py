@@ -78,8 +78,10 @@ def state(obj, prints=None):
     reasons += lost_keys.words(obj)
     if applied.matrix_of(obj) is not None:
         reasons.append(f'transforms were applied to "{obj.name}"')
+    # From a source that is carried away, all others seem to move.
+    source_is_carried = recipe["shapes"][0]["carried"] or prints[0]["carried"]
     for known, now in zip(recipe["shapes"], prints, strict=True):
-        reasons += _differences(known, now, obj.pointmorph.follows)
+        reasons += _differences(known, now, obj.pointmorph.follows, source_is_carried)
     scene = bpy.context.scene
     if is_picked(scene, obj):
         reasons += _other_settings(recipe, scene.pointmorph)
@@ -101,7 +103,7 @@ def fingerprints_steps(obj):
     return (yield from recipes.prints_of_steps(shapes, origin))
 
 
-def _differences(known, now, follows):
+def _differences(known, now, follows, source_is_carried):
     """What has become of a shape, in words."""
     name = now["name"]
     if known["count"] != now["count"]:
@@ -118,7 +120,7 @@ def _differences(known, now, follows):
         found.append(f'features on "{name}" have changed')
     if known.get("masks", now["masks"]) != now["masks"]:
         found.append(f'the masks of "{name}" have changed')
-    if not (known["carried"] or now["carried"] or follows):
+    if not (known["carried"] or now["carried"] or source_is_carried or follows):
         before, after = np.array(known["matrix"]), np.array(now["matrix"])
         if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
             found.append(f'"{name}" was moved, rotated or scaled')

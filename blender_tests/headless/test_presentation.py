@@ -77,6 +77,27 @@ def test_a_source_that_is_disabled_in_viewports_or_locked_is_shown_as_a_morph(se
     assert shown.visible_get()
 
 
+def test_keys_of_the_slider_are_none_of_the_source(addon, settings):
+    """A source whose shape keys go along got them into its own action."""
+    curves_of = addon("data.versions").curves_of
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.pointmorph.keep_modifiers = True
+    source.shape_key_add(name="Basis")
+    smile = source.shape_key_add(name="Smile")
+    for frame, value in ((1, 0.0), (20, 1.0)):
+        smile.value = value
+        smile.keyframe_insert("value", frame=frame)
+    bpy.context.scene.frame_set(1)
+    shown = morph()
+    assert bpy.ops.pointmorph.key_morph(start=1, end=20) == {"FINISHED"}
+    paths = [f'key_blocks["{name}"].value' for name in ("Smile", "Morph")]
+    assert [c.data_path for c in curves_of(shown.data.shape_keys)] == paths
+    assert [c.data_path for c in curves_of(source.data.shape_keys)] == paths[:1]
+    bpy.context.scene.frame_set(20)
+    assert shown.data.shape_keys.key_blocks["Smile"].value == 1.0
+
+
 def test_points_have_the_same_slider(painted):
     _, _, shown = painted
     points = shown.pointmorph.made_from

@@ -162,6 +162,23 @@ def test_a_target_that_moves_by_itself_does_not_become_stale(settings):
         assert obj.pointmorph.state == "CURRENT"
 
 
+@pytest.mark.parametrize("modifier", [False, True])
+def test_a_source_that_goes_somewhere_makes_nothing_stale(settings, modifier):
+    """The target was said to have moved."""
+    settings.show_as = "MESH"
+    source, _ = pair()
+    if modifier:
+        source.modifiers.new("Twice", "ARRAY")
+    for frame, x in ((1, 0.0), (11, 5.0)):
+        source.location.x = x
+        source.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(1)
+    obj = morph()
+    for frame in (5, 11):
+        bpy.context.scene.frame_set(frame)
+        assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
+
+
 # --- What the panel knows -------------------------------------------------------------------------
 
 
