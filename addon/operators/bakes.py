@@ -18,6 +18,7 @@ from ..scene import (
     cached_frames,
     frame_files,
     frame_player,
+    morph_object,
     morph_paths,
     own_points,
     placement,
@@ -310,6 +311,14 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             if other is not None:
                 presentation.set_visible(context, other, other == player)
         activate(context.view_layer.objects, player)
+        shown = morph_object.shown_of(obj)
+        moves = shown.parent is not None or not placement.is_free(shown)
+        if moves and player.parent is None and not len(player.constraints):
+            self.report(
+                {"WARNING"},
+                f'"{player.name}" stays where "{shown.name}" is in this frame. To have it go along, '
+                f'make "{shown.name}" its parent (Object > Parent > Object)',
+            )
 
 
 def _makes_faces_by_nodes(target):

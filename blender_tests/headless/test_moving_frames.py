@@ -56,6 +56,37 @@ def test_each_frame_lies_between_the_shapes_of_that_frame(settings, motion, resa
             assert len(found) == len(rows)
 
 
+@pytest.mark.parametrize("applied", [False, True])
+def test_frames_of_a_morph_that_is_animated_say_that_they_stay(settings, capfd, applied):
+    """And go along once they are its children."""
+    settings.show_as = "MESH"
+    pair()
+    shown = morph()
+    shown.scale = (2, 2, 2)
+    if applied:
+        assert bpy.ops.object.transform_apply() == {"FINISHED"}
+    for frame, x in ((1, 0.0), (LAST, 5.0)):
+        shown.location.x = x
+        shown.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(1)
+    capfd.readouterr()
+    assert bake() == {"FINISHED"}
+    frames = bpy.context.view_layer.objects.active
+    said = f'"{frames.name}" stays where "{shown.name}" is in this frame'
+    assert said in capfd.readouterr().out
+    before = frame_points(frames, LAST)
+    bpy.context.scene.frame_set(1)
+    shown.hide_set(False)
+    shown.select_set(True)
+    bpy.context.view_layer.objects.active = shown
+    assert bpy.ops.object.parent_set(type="OBJECT", keep_transform=True) == {"FINISHED"}
+    np.testing.assert_allclose(frame_points(frames, LAST), before + (5, 0, 0), atol=1e-5)
+    bpy.context.scene.frame_set(1)
+    select(shown)
+    assert bake() == {"FINISHED"}
+    assert "stays where" not in capfd.readouterr().out
+
+
 def test_velocities_and_normals_go_along(settings):
     source, target = pair()
     for obj in (source, target):
