@@ -316,8 +316,8 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         if moves and player.parent is None and not len(player.constraints):
             self.report(
                 {"WARNING"},
-                f'"{player.name}" stays where "{shown.name}" is in this frame. To have it go along, '
-                f'make "{shown.name}" its parent (Object > Parent > Object)',
+                f'"{player.name}" stays where "{shown.name}" is in this frame. To have it go '
+                f'along, make "{shown.name}" its parent (Object > Parent > Object)',
             )
 
 
