@@ -162,9 +162,8 @@ def read_steps(context, obj, wanted):
 def _unchanged_target(obj):
     target = obj.pointmorph.target
     if target is None:
-        raise pointmorph.CloudError(
-            obj.name, "its target in this file", "none", "Undo the deletion, or morph again."
-        )
+        advice = "Undo the deletion, or morph again."
+        raise recipes.gone_error(obj, -1, "its target", advice)
     if target.type != "MESH":
         raise pointmorph.CloudError(
             target.name,

@@ -64,9 +64,8 @@ def read_steps(context, obj, options):
             obj.name, "faces to draw on", "none", "Show the morph as points: they blend colors."
         )
     if not recipes.is_there(target):
-        raise pointmorph.CloudError(
-            obj.name, "its target in this file", "none", "Undo the deletion, or morph again."
-        )
+        advice = "Undo the deletion, or morph again."
+        raise recipes.gone_error(obj, -1, "its target", advice)
     steps = _read_steps(context, obj, target, options)
     return (yield from present_steps(context, [target], steps))
 

@@ -69,22 +69,20 @@ class Giver:
 def source_of(obj):
     """The source of a morph object, which is there and can be changed. Raises CloudError."""
     source = recipes.shapes_of(obj)[0]
-    _check_changeable(obj, source, "its source")
+    _check_changeable(obj, source, 0, "its source")
     return source
 
 
 def target_of(obj):
     """The same of the target."""
     target = recipes.shapes_of(obj)[-1]
-    _check_changeable(obj, target, "its target")
+    _check_changeable(obj, target, -1, "its target")
     return target
 
 
-def _check_changeable(obj, shape, what):
+def _check_changeable(obj, shape, number, what):
     if shape is None:
-        raise pointmorph.CloudError(
-            obj.name, f"{what} in this file", "none", "Undo the deletion, or morph again."
-        )
+        raise recipes.gone_error(obj, number, what, "Undo the deletion, or morph again.")
     if shape.type != "MESH":
         raise pointmorph.CloudError(
             shape.name,

@@ -86,12 +86,8 @@ def source_ways(obj):
     """
     source = recipes.shapes_of(obj)[0]
     if source is None:
-        raise pointmorph.CloudError(
-            obj.name,
-            "its source in this file",
-            "none",
-            "Undo the deletion, or morph again from another mesh.",
-        )
+        advice = "Undo the deletion, or morph again from another mesh."
+        raise recipes.gone_error(obj, 0, "its source", advice)
     if source.type != "MESH":
         raise pointmorph.CloudError(
             source.name,

@@ -77,6 +77,16 @@ def gone_words(obj):
     }
 
 
+def gone_error(obj, number, what, advice):
+    """The error that a shape of a morph object isn't there; `advice` is for one that is in this
+    file no more."""
+    shape = pointers_of(obj)[number]
+    found = "none" if shape is None else f'"{shape.name}" in no collection'
+    if shape is not None:
+        advice = "Undo its deletion, or drag it into a collection (Blender File in the Outliner)."
+    return pointmorph.CloudError(obj.name, f"{what} in this file", found, advice)
+
+
 def is_there(obj):
     """Whether an object, or None, is in a scene or a collection."""
     if obj is None:

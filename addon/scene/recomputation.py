@@ -151,7 +151,7 @@ def _check_changeable(obj):
                 obj.name,
                 "a morph object in this file",
                 f"one linked from {item.library.filepath}",
-                "Make it local (Object > Relations > Make Local) to recompute it.",
+                "Make it local with all that it has (Object > Relations > Make Local > All).",
             )
     if obj.mode != "OBJECT":
         raise pointmorph.CloudError(

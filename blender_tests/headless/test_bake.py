@@ -295,6 +295,15 @@ def test_the_source_is_gone(morphed):
     bake(kind="PAIRS")
 
 
+def test_the_source_is_in_no_collection(morphed):
+    """As after a deletion in the viewport, or when it only came along with an appended morph."""
+    source, *_ = morphed
+    bpy.context.scene.collection.objects.unlink(source)
+    said = refused()
+    assert 'Hill to Dune: expected its source in this file, found "Hill" in no collection' in said
+    assert "drag it into a collection" in said
+
+
 def test_the_source_is_edited(morphed):
     source, *_ = morphed
     select(source)
