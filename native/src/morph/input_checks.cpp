@@ -120,9 +120,9 @@ void require_closed(Closed purpose, const PreparedShape& shape, std::span<const 
     if (!is_rim(shape, find_boundary(shape, given, options, progress).loop)) return;
     switch (purpose) {
         case Closed::kLoop:
-            throw FeatureError("loop", "no loop for open surfaces, whose boundary is known",
-                               "a loop, while " + shape.name + " is an open surface",
-                               "Leave the loop out.");
+            throw FeatureError("loop", "closed models, which a loop cuts open",
+                               shape.name + ", which is open and needs no loop",
+                               "Go without a loop.");
         case Closed::kNetwork:
             throw TopologyError(shape.name, "a closed surface for a network of curves",
                                 "an open surface, whose boundary is known",

@@ -317,7 +317,7 @@ def test_features_that_are_no_points_are_refused(pair: object) -> None:
 
 def test_a_loop_on_an_open_patch_is_refused() -> None:
     marks = features(21, 21)
-    with pytest.raises(pointmorph.FeatureError, match="open surface"):
+    with pytest.raises(pointmorph.FeatureError, match="is open and needs no loop"):
         pointmorph.morph(
             pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), marks, loop=list(marks)
         )
