@@ -39,7 +39,7 @@ def test_what_cannot_be_cut_is_refused() -> None:
     with pytest.raises(pointmorph.FeatureError, match="already"):
         pointmorph.decompose(cloud, {**loop, "front": loop["back"]})
     patch = grid(21)
-    with pytest.raises(pointmorph.FeatureError, match="is open and needs no loop. Go without"):
+    with pytest.raises(pointmorph.FeatureError, match="is open and needs no loop"):
         pointmorph.decompose(pointmorph.Cloud(patch), {"a": 30, "b": 50, "c": 300})
     with pytest.raises(pointmorph.OptionError):
         pointmorph.decompose(cloud, loop, domain="flat")
@@ -100,7 +100,7 @@ def test_no_loop_is_proposed_for_too_few_marks_or_an_open_patch() -> None:
     with pytest.raises(pointmorph.FeatureError, match="at least 3"):
         pointmorph.propose_loop(cloud, cloud, {"a": (0, 0), "b": (700, 700)})
     patch = pointmorph.Cloud(grid(21))
-    with pytest.raises(pointmorph.FeatureError, match="is open and needs no loop. Go without"):
+    with pytest.raises(pointmorph.FeatureError, match="is open and needs no loop"):
         pointmorph.propose_loop(patch, patch, {"a": (30, 30), "b": (50, 50), "c": (300, 300)})
     with pytest.raises(pointmorph.Cancelled):
         pointmorph.propose_loop(
