@@ -3,7 +3,7 @@
 import bpy
 
 from ..core import background_job
-from . import morph_builder, morph_object, points_display, presentation
+from . import morph_builder, morph_object, points_display
 
 
 def show(context, outcome, name, provenance):
@@ -11,7 +11,6 @@ def show(context, outcome, name, provenance):
     obj = morph_builder.build(context, outcome, name, provenance)
     obj.pointmorph.is_preview = True
     obj.hide_select = True
-    presentation.set_visible(context, obj, True)
     return obj.name
 
 
