@@ -134,10 +134,10 @@ TEST(Untangling, LeavesWhatIsAroundAFewStrays) {
 }
 
 /// A sheet all of which gives way: every vertex is moved at random.
-struct Crumpled : Sheet {
+struct RumpledSheet : Sheet {
     Positions x;
 
-    explicit Crumpled(int side) {
+    explicit RumpledSheet(int side) {
         mesh = make_mesh(mesh_shapes::grid(side));
         sheet = ElasticSheet(mesh.positions, mesh.triangles, progress);
         planes = {mesh.positions, Normals::Zero(mesh.positions.rows(), 3)};
@@ -156,7 +156,7 @@ struct Crumpled : Sheet {
 };
 
 TEST(Untangling, OfAMeshInOnePatchDoesntDependOnThreads) {
-    Crumpled one(70), three(70);  // 9,800 triangles
+    RumpledSheet one(70), three(70);  // 9,800 triangles
     const Index before = one.turned(one.x);
     one.untangle_all(1, one.progress);
     three.untangle_all(3, three.progress);
@@ -166,13 +166,13 @@ TEST(Untangling, OfAMeshInOnePatchDoesntDependOnThreads) {
 
 TEST(Untangling, EndsWhereItIsAskedToInAPatch) {
     for (const int side : {30, 70}) {  // on one thread, and on all
-        Crumpled whole(side);
+        RumpledSheet whole(side);
         int calls = 0;
         Progress counted([&](std::string_view, double) { return ++calls > 0; },
                          std::chrono::milliseconds(0));
         whole.untangle_all(2, counted);
         EXPECT_GT(calls, 100);  // hundreds of steps
-        Crumpled ended(side);
+        RumpledSheet ended(side);
         int left = 20;
         Progress cancelled([&](std::string_view, double) { return --left > 0; },
                            std::chrono::milliseconds(0));
@@ -182,7 +182,7 @@ TEST(Untangling, EndsWhereItIsAskedToInAPatch) {
 }
 
 TEST(PatchEnergy, HasTheGradientOfItsValues) {
-    Crumpled sheet(4);
+    RumpledSheet sheet(4);
     sheet.planes.normals.col(0).setConstant(0.3);
     sheet.planes.normals.rowwise().normalize();
     std::vector<Index> faces(to_size(sheet.mesh.triangles.rows()));
