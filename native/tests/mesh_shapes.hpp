@@ -117,6 +117,20 @@ inline Cloud cylinder(Index corners) {
     return cloud;
 }
 
+/// Radius 1: triangles around one vertex in the middle, the last one.
+inline Cloud fan(Index count) {
+    Cloud cloud;
+    cloud.name = "fan";
+    cloud.positions.resize(count + 1, 3);
+    cloud.positions.row(count).setZero();
+    for (Index k = 0; k < count; ++k) {
+        const double angle = 2.0 * std::numbers::pi * k / count;
+        cloud.positions.row(k) << std::cos(angle), std::sin(angle), 0.0;
+        add_face(cloud.faces, {count, k, (k + 1) % count});
+    }
+    return cloud;
+}
+
 /// Radius 1 about the z axis: `around` times `along` quads about a tube.
 inline Cloud torus(Index around, Index along, double tube) {
     Cloud cloud;

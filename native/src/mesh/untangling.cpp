@@ -104,20 +104,27 @@ std::vector<double> shares_of(const Mesh& mesh, const ElasticSheet& sheet,
                               const std::vector<Index>& bad, const UntangleOptions& options) {
     std::vector<double> shares(to_size(mesh.triangles.rows()), 0.0);
     for (const Index f : bad) shares[to_size(f)] = options.share ? options.share(f) : 1.0;
-    std::vector<Index> front = bad;
+    // Faces are asked by vertices, each passed once: very many may meet at one.
+    std::vector<double> at_vertices(to_size(mesh.positions.rows()), 0.0);
+    std::vector<Index> front = bad, vertices;
     for (int ring = 0; ring < options.rings; ++ring) {
-        std::vector<std::pair<Index, double>> larger;
         for (const Index f : front)
-            for (Index k = 0; k < 3; ++k)
-                for (const Index c : sheet.around(mesh.triangles(f, k)))
-                    if (shares[to_size(c / 3)] < shares[to_size(f)])
-                        larger.emplace_back(c / 3, shares[to_size(f)]);
+            for (const Index v : mesh.triangles.row(f)) {
+                double& most = at_vertices[to_size(v)];
+                if (!(most < shares[to_size(f)])) continue;
+                if (most == 0.0) vertices.push_back(v);
+                most = shares[to_size(f)];
+            }
         front.clear();
-        for (const auto& [f, share] : larger) {
-            if (!(shares[to_size(f)] < share)) continue;
-            shares[to_size(f)] = share;
-            front.push_back(f);
+        for (const Index v : vertices) {
+            const double share = std::exchange(at_vertices[to_size(v)], 0.0);
+            for (const Index c : sheet.around(v)) {
+                if (!(shares[to_size(c / 3)] < share)) continue;
+                shares[to_size(c / 3)] = share;
+                front.push_back(c / 3);
+            }
         }
+        vertices.clear();
     }
     return shares;
 }

@@ -3,8 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
 #include <set>
 #include <vector>
 
@@ -31,19 +29,6 @@ struct Pleated {
     }
     std::vector<char> none() const { return std::vector<char>(to_size(x.rows()), 0); }
 };
-
-/// Triangles around one vertex.
-Cloud fan(Index count) {
-    Cloud cloud;
-    cloud.positions.resize(count + 1, 3);
-    cloud.positions.row(count).setZero();
-    for (Index k = 0; k < count; ++k) {
-        const double angle = 2.0 * std::numbers::pi * k / count;
-        cloud.positions.row(k) << std::cos(angle), std::sin(angle), 0.0;
-        mesh_shapes::add_face(cloud.faces, {count, k, (k + 1) % count});
-    }
-    return cloud;
-}
 
 std::vector<Index> every(Index step, const Mesh& mesh) {
     std::vector<Index> faces;
@@ -90,7 +75,7 @@ TEST(MeshPatches, AreWhatLiesAround) {
 
 TEST(MeshPatches, TakeNoLongerWhereAllFacesMeetAtAVertex) {
     SKIP_WHERE_WATCHED();
-    const Pleated fan_of_many(fan(20000)), grid(mesh_shapes::grid(100));
+    const Pleated fan_of_many(mesh_shapes::fan(20000)), grid(mesh_shapes::grid(100));
     const auto time = [](const Pleated& of) {
         const std::vector<Index> faces = every(2, of.mesh);
         return processor_time(
@@ -102,7 +87,7 @@ TEST(MeshPatches, TakeNoLongerWhereAllFacesMeetAtAVertex) {
 
 TEST(Creases, TakeNoLongerWhereAllFacesMeetAtAVertex) {
     SKIP_WHERE_WATCHED();
-    Pleated fan_of_many(fan(20000)), grid(mesh_shapes::grid(100));
+    Pleated fan_of_many(mesh_shapes::fan(20000)), grid(mesh_shapes::grid(100));
     const auto time_to_find = [](Pleated& of) {
         return processor_time(
             [&] { EXPECT_FALSE(creased_faces(of.mesh, of.sheet, of.x, of.progress).empty()); });

@@ -7,24 +7,29 @@
 #include <numeric>
 #include <random>
 #include <string_view>
+#include <utility>
 
 #include "mesh/mesh_patches.hpp"
 #include "mesh/patch_energy.hpp"
 #include "mesh_shapes.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "processor_time.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
 
 struct Sheet {
-    Mesh mesh = make_mesh(mesh_shapes::grid(14));
+    Mesh mesh;
     Progress progress;
     ElasticSheet sheet{mesh.positions, mesh.triangles, progress};
     WrapPartners planes{mesh.positions, Normals::Zero(mesh.positions.rows(), 3)};
     std::vector<char> is_fixed = std::vector<char>(to_size(mesh.positions.rows()), 0);
 
-    Sheet() { planes.normals.col(2).setOnes(); }
+    explicit Sheet(Mesh of = make_mesh(mesh_shapes::grid(14))) : mesh(std::move(of)) {
+        planes.normals.col(2).setOnes();
+    }
 
     Index turned(const Positions& x) const {
         Index count = 0;
@@ -137,12 +142,7 @@ TEST(Untangling, LeavesWhatIsAroundAFewStrays) {
 struct RumpledSheet : Sheet {
     Positions x;
 
-    explicit RumpledSheet(int side) {
-        mesh = make_mesh(mesh_shapes::grid(side));
-        sheet = ElasticSheet(mesh.positions, mesh.triangles, progress);
-        planes = {mesh.positions, Normals::Zero(mesh.positions.rows(), 3)};
-        planes.normals.col(2).setOnes();
-        is_fixed.assign(to_size(mesh.positions.rows()), 0);
+    explicit RumpledSheet(int side) : Sheet(make_mesh(mesh_shapes::grid(side))) {
         x = mesh.positions;
         std::mt19937_64 random(5);
         std::normal_distribution<double> normal;
@@ -165,7 +165,7 @@ TEST(Untangling, OfAMeshInOnePatchDoesntDependOnThreads) {
 }
 
 TEST(Untangling, EndsWhereItIsAskedToInAPatch) {
-    for (const int side : {30, 70}) {  // on one thread, and on all
+    for (const int side : {30, 70}) {  // as a small patch, and as a large one
         RumpledSheet whole(side);
         int calls = 0;
         Progress counted([&](std::string_view, double) { return ++calls > 0; },
@@ -179,6 +179,25 @@ TEST(Untangling, EndsWhereItIsAskedToInAPatch) {
         EXPECT_THROW(ended.untangle_all(2, cancelled), Cancelled);
         EXPECT_EQ(left, 0);
     }
+}
+
+TEST(Untangling, LooksAroundFacesThatAllMeetAtAVertexAsSoon) {
+    SKIP_WHERE_WATCHED();
+    const auto time = [](const Cloud& cloud) {
+        Sheet flat(make_mesh(cloud));
+        flat.planes.normals *= -1.0;  // all faces lie against them
+        UntangleOptions options;
+        options.concerns = [](Index f) { return f % 2 == 0; };
+        options.most_rounds = 0;
+        return processor_time([&] {
+            Positions x = flat.mesh.positions;
+            EXPECT_GT(untangle(flat.mesh, flat.sheet, flat.planes, flat.is_fixed, options, x,
+                               flat.progress),
+                      0);
+        });
+    };
+    // With all faces around a vertex asked for each of these, it is a hundred times as long.
+    EXPECT_LT(time(mesh_shapes::fan(20000)), 20.0 * time(mesh_shapes::grid(100)));
 }
 
 TEST(PatchEnergy, HasTheGradientOfItsValues) {
