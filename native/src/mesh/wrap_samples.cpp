@@ -164,7 +164,7 @@ const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progr
     const std::vector<Index>& labels = kind == kCoarse ? target_.coarse_parts : target_.fine_parts;
     if (kind == kCoarse && smooth_.rows() == 0) smooth_ = smoothed(samples, progress);
     std::vector<Index> rows;
-    if (part >= 0) {
+    if (part >= 0 && !labels.empty()) {
         Grouped<Index>& of_parts = rows_[kind];
         if (of_parts.size() == 0)
             of_parts = Grouped<Index>(1 + *std::ranges::max_element(labels), [&](auto&& take) {

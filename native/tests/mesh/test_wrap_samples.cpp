@@ -58,6 +58,19 @@ TEST(WrapSamples, LetAPartBeSeveralThatNothingElseBecomes) {
     EXPECT_EQ(kept({{92, 0, 8}, {0, 100, 0}}), (std::vector<Index>{0, 1}));
 }
 
+TEST(WrapSamples, AreAllOfThemWhereOnlyTheCoarseOnesHaveParts) {
+    WrapTarget target;
+    target.coarse.positions = Positions::Random(40, 3);
+    target.coarse.normals = Normals::Constant(40, 3, 1.0).rowwise().normalized();
+    target.fine = target.coarse;
+    target.coarse_parts.assign(40, 0);
+    target.coarse_parts.back() = 1;
+    WrapTrees trees(target, 1.0);
+    Progress progress;
+    const auto of_all = &trees.of_part(WrapTrees::kFine, 1, progress);
+    EXPECT_EQ(of_all, &trees.made(WrapTrees::kFine, 1));
+}
+
 TEST(WrapSamples, KeepVeryManyPartsInNoTimeToAsMany) {
     SKIP_WHERE_WATCHED();
     constexpr Index kMany = 3000;
