@@ -455,14 +455,20 @@ struct MeshMotion::Bend {
     std::vector<double> shares(const std::vector<Vector3>& facing, const WrapPartners& onto,
                                int rings, const Positions& x, Progress& progress) const {
         std::vector<double> result = agreements(onto.normals, facing, x, progress);
-        parallel_for(to_index(result.size()), progress, [&](Index begin, Index end) {
-            Passed passed;
-            for (Index f = begin; f < end; ++f) {
-                double& share = result[to_size(f)];
-                share = std::clamp((least[to_size(f)] - share) / kSteep, 0.0, 1.0);
-                if (share > 0.0) share *= locality(f, rings, passed);
-            }
-        });
+        const Index count = to_index(result.size());
+        // A few at least, since what has been passed is as long as the mesh.
+        const Index chunk = std::max<Index>(512, count / 64);
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                Passed passed;
+                for (Index f = begin; f < end; ++f) {
+                    double& share = result[to_size(f)];
+                    share = std::clamp((least[to_size(f)] - share) / kSteep, 0.0, 1.0);
+                    if (share > 0.0) share *= locality(f, rings, passed);
+                }
+            },
+            0.0, 1.0, chunk);
         return result;
     }
 
