@@ -31,7 +31,7 @@ Index Creases::around(const Positions& x, std::span<const Index> faces) const {
 
 Index Creases::across(Index f, Index k) const {
     Index start = mesh_.triangles(f, k), end = mesh_.triangles(f, (k + 1) % 3);
-    // Very many faces may meet at one of both.
+    // Very many faces may meet at either.
     if (sheet_.around(end).size() < sheet_.around(start).size()) std::swap(start, end);
     Index result = -1;
     for (const Index c : sheet_.around(start)) {

@@ -207,7 +207,7 @@ def _denser_obj(path: Path, positions: FloatArray, denser: DenserMesh) -> Iterat
     uvs = _DenserUvs(texts, denser, counts["v"])
     by_polygon = _faces_by_polygon([len(polygon) for polygon in polygons], denser)
     pieces = [
-        uvs.of_faces(denser.faces[faces].tolist(), dict(polygon))
+        uvs.of_faces(denser.faces[faces].tolist(), polygon)
         for polygon, faces in zip(polygons, by_polygon, strict=True)
     ]
     for place in positions:
@@ -259,10 +259,10 @@ class _DenserUvs:
         self._between: dict[tuple[int, int], int] = {}
 
     def of_faces(
-        self, faces: list[list[int]], of_polygon: dict[int, int | None]
+        self, faces: list[list[int]], polygon: list[tuple[int, int | None]]
     ) -> list[list[str]]:
-        """Corners of faces that are pieces of a polygon, which has these UVs at its vertices."""
-        rows = dict(of_polygon)
+        """Corners of faces that are pieces of a polygon with these vertices and UVs."""
+        rows = dict(polygon)
         return [[self._corner(vertex, rows) for vertex in face] for face in faces]
 
     def _corner(self, vertex: int, rows: dict[int, int | None]) -> str:
@@ -270,7 +270,7 @@ class _DenserUvs:
         return f"{vertex + 1}" if uv is None else f"{vertex + 1}/{uv + 1}"
 
     def _row(self, vertex: int, rows: dict[int, int | None]) -> int | None:
-        """The UV of a vertex in a polygon; `rows` are those that are known, and gets it."""
+        """The UV of a vertex in a polygon, which `rows`, those found so far, gets."""
         if vertex not in rows:
             a, b = (self._row(int(end), rows) for end in self._denser.ends[vertex - self._count])
             rows[vertex] = None if a is None or b is None else self._halfway(a, b)

@@ -35,10 +35,8 @@ _POLL = 0.05  # seconds
 # narrower than twice _BALLOON are closed.
 _OFF, _BALLOON = 1.5, 4.0
 _COINCIDENT = 0.5  # spacings
-_ASKED_AT_ONCE, _LOOKED_AT = (
-    64,
-    4096,
-)  # rows of which neighbors are asked for, and those gone through
+_ASKED_AT_ONCE = 64  # rows of which neighbors are asked for
+_LOOKED_AT = 4096  # rows that are gone through for these
 _BLENDED = 4  # points that a vertex takes its color from
 _FEWEST = 12  # points
 
