@@ -235,8 +235,10 @@ void for_all(const std::vector<MeshPatch>& patches,
         else
             work(patch, progress);
     }
-    parallel_each(to_index(small.size()), progress,
-                  [&](Index p, Progress& its) { work(*small[to_size(p)], its); });
+    parallel_each(to_index(small.size()), progress, [&](Index p, Progress& its) {
+        const ThreadCount one(1);  // thousands of short steps, also of one that is alone
+        work(*small[to_size(p)], its);
+    });
 }
 
 }  // namespace
