@@ -137,7 +137,10 @@ def own_action(block, created):
     """Gives a data-block a copy of its action, which a copy of a data-block shares with the
     original. `created` gets it."""
     data = None if block is None else block.animation_data
-    if data is None or data.action is None:
+    if data is None:
+        return
+    data.use_tweak_mode = False  # of a strip, whose action can't be changed
+    if data.action is None:
         return
     slot = getattr(data, "action_slot", None)
     name = None if slot is None else slot.identifier

@@ -98,6 +98,27 @@ def test_keys_of_the_slider_are_none_of_the_source(addon, settings):
     assert shown.data.shape_keys.key_blocks["Smile"].value == 1.0
 
 
+def test_a_source_whose_strip_is_tweaked(settings):
+    """Its action can't be changed meanwhile: Morph failed."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.pointmorph.keep_modifiers = True
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Smile").keyframe_insert("value", frame=1)
+    data = source.data.shape_keys.animation_data
+    action, data.action = data.action, None
+    track = data.nla_tracks.new()
+    track.strips.new("Smiles", 1, action).select = True
+    data.nla_tracks.active = track
+    data.use_tweak_mode = True
+    shown = morph()
+    assert data.use_tweak_mode
+    assert bpy.ops.pointmorph.key_morph(start=1, end=20) == {"FINISHED"}
+    own = shown.data.shape_keys.animation_data
+    assert own.action not in (None, action)
+    assert own.nla_tracks[0].strips[0].action == action
+
+
 def test_points_have_the_same_slider(painted):
     _, _, shown = painted
     points = shown.pointmorph.made_from
