@@ -300,8 +300,9 @@ def _mesh_as_shown(context, obj, created):
 def _advice(obj):
     """What gives an object faces that is no mesh and shows none."""
     if obj.type == "META":  # those of a family are one surface, which the first one has
-        family = obj.name.partition(".")[0]
-        return f'Choose "{family}", which shows the whole surface of these metaballs.'
+        family = bpy.data.objects.get(obj.name.partition(".")[0])
+        if family not in (None, obj) and family.type == "META":
+            return f'Choose "{family.name}", which shows the whole surface of these metaballs.'
     if obj.type in {"CURVE", "FONT"}:
         return "Extrude, bevel or fill the curve, or choose another object."
     return "Choose another object."

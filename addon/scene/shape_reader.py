@@ -129,7 +129,7 @@ def nothing_shown(obj, depsgraph):
     if shown:
         words = next((words for kind, words in _OF_NODES.items() if kind in shown), None)
         words = words or ("instances", 'Add the node "Realize Instances"')
-        found, advice = f"{words[0]}", f"{words[1]} at the end of its Geometry Nodes."
+        found, advice = words[0], f"{words[1]} at the end of its Geometry Nodes."
     return pointmorph.CloudError(obj.name, "a mesh in the viewport", found, advice)
 
 

@@ -434,6 +434,11 @@ def test_metaballs_that_belong_to_others_say_to_which(settings):
         bpy.ops.object.metaball_add(location=(x, 0, 0))
     pick(bpy.context.object, add_mesh("Dune", *patch(9)))
     assert 'Choose "Mball"' in error_of(bpy.ops.pointmorph.morph)
+    bpy.data.objects.remove(bpy.data.objects["Mball.001"])
+    first = bpy.data.objects["Mball"]
+    first.data.elements[0].use_negative = True  # it shows nothing itself
+    pick(first, bpy.data.objects["Dune"])
+    assert "Choose another object." in error_of(bpy.ops.pointmorph.morph)
 
 
 def test_what_shows_no_faces_is_refused(settings):
