@@ -51,7 +51,7 @@ class Recomputing(Computing):
         `denser_source.Start`."""
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        for one in morph_object.made_with(obj):
+        for one in reversed(morph_object.made_with(obj)):  # the points follow their mesh
             lost_keys.restore(one)
         kept = placement.give_back(*morph_object.made_with(obj))
         self._lost = [f"Applied transforms were lost: {words}" for words in kept]

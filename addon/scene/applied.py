@@ -36,7 +36,27 @@ def matrix_of(obj):
             return None
         before += [place for _, *place in places]
         now += [key.data[row].co for row, *_ in places]
-    before, now = np.array(before), np.array(now, np.float64)
+    return _between(np.array(before), np.array(now, np.float64))
+
+
+def matrix_of_start(obj, start):
+    """The same of a morph object that has lost shape keys, by its vertices at the first shape."""
+    found = noted_at_start(obj, start)
+    return None if found is None else _between(*found)
+
+
+def noted_at_start(obj, start):
+    """Where the few points of the first shape were, and where they are in `start`, (N, 3) arrays;
+    None where that isn't known."""
+    noted = remembered.noted(obj.pointmorph.noted)
+    if noted is None or any(row >= len(start) for row, *_ in noted[0]):
+        return None
+    before = np.array([place for _, *place in noted[0]])
+    return before, start[[row for row, *_ in noted[0]]].astype(np.float64)
+
+
+def _between(before, now):
+    """(4, 4): the transform from some points to others; None where it is none, or no transform."""
     room = _TOLERANCE * max(np.abs(before).max(), np.abs(now).max())
     if np.abs(now - before).max() <= room:
         return None

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ..core import remembered
 from ..data import arrays, attribute_names, versions
-from . import morph_builder, morph_object, path_display, recipes, slider_keys
+from . import applied, morph_builder, morph_object, path_display, recipes, slider_keys
 
 
 def words(obj):
@@ -100,11 +99,11 @@ def _renamed_back(obj, lost):
 def _starts_at(obj, start):
     """Whether vertices are where they were made: not where shape keys were applied on the way,
     which can't be told from an edit, and only what was morphed puts right."""
-    noted = remembered.noted(obj.pointmorph.noted)
-    if noted is None or any(row >= len(start) for row, *_ in noted[0]):
+    found = applied.noted_at_start(obj, start)
+    if found is None:
         return False
-    known = np.array([place for _, *place in noted[0]])
-    return np.allclose(start[[row for row, *_ in noted[0]]], known, atol=1e-5 * np.abs(known).max())
+    known, now = found
+    return np.allclose(now, known, atol=1e-5 * np.abs(known).max())
 
 
 def _places(obj):
@@ -119,7 +118,8 @@ def _places(obj):
         # Of a chain, the slider's own key is at the first shape.
         number = names.index(keys.reference_key.name) + (len(ways) == 1)
         start = start - sum(moves[:number])
+    matrix = applied.matrix_of_start(obj, start)
     places = [start]
     for move in moves:
-        places.append(places[-1] + move)
+        places.append(places[-1] + (move if matrix is None else move @ matrix[:3, :3].T))
     return places

@@ -171,11 +171,16 @@ def add_lost_keys(obj, places):
         elif number > 0:
             key.driver_remove("value")
             _drive_shape(keys, names, number, len(names) - 1)
-    write_keys(obj, places)
+    _write_places(obj, places)  # what is noted tells what was applied
 
 
 def write_keys(obj, places):
     """Writes the places at every shape into the keys that `add_keys` made."""
+    _write_places(obj, places)
+    applied.note(obj)
+
+
+def _write_places(obj, places):
     keys = obj.data.shape_keys.key_blocks
     names = morph_object.morph_keys(obj)
     if len(places) > 2:
@@ -183,7 +188,6 @@ def write_keys(obj, places):
         names = names[1:]
     for name, place in zip(names, places[1:], strict=True):
         arrays.write_key(keys[name], place)
-    applied.note(obj)
 
 
 def rebuild(obj, outcome, settings):

@@ -22,13 +22,19 @@ ROW = "source_row"
 _ATTRIBUTES = {"row": "INT", "normal": "FLOAT_VECTOR", "color": "FLOAT_COLOR", "radius": "FLOAT"}
 """What the pairs have of each shape, by the end of its name."""
 
+_HOW_BACK = (
+    "Recompute it to get the key back. If that fails, undo its removal, or Alt-click Morph for a "
+    "new result."
+)
+"""What to do where a shape key is gone."""
+
 
 def is_result(obj):
     """Whether an object is a morph object of pairs; not a mesh to which such were joined, or a copy
     of it, which have their attributes."""
     if not _moves(obj) or obj.pointmorph.keeps_faces or ROW not in obj.data.attributes:
         return False
-    return obj.pointmorph.source is not None or bool(obj.pointmorph.recipe)
+    return bool(obj.pointmorph.recipe) or any(recipes.pointers_of(obj))
 
 
 def is_made(obj):
@@ -95,7 +101,7 @@ def morph_key(obj):
             obj.name,
             f'a morph object with its shape key "{KEY}"',
             "none of that name" if key is None else "only a basis of that name",
-            "Recompute it to get the key back.",
+            _HOW_BACK,
         )
     return key
 
@@ -119,7 +125,7 @@ def stage_keys(obj):
             obj.name,
             f'a chain with its shape key "{missing[0]}"',
             "none of that name",
-            "Recompute it to get the key back.",
+            _HOW_BACK,
         )
     return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
 
@@ -227,7 +233,7 @@ def t_key(obj):
             obj.name,
             f'its shape key "{name}"',
             "none of that name" if key is None else "only a basis of that name",
-            "Recompute it to get the key back.",
+            _HOW_BACK,
         )
     return key
 

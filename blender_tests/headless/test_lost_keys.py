@@ -75,6 +75,11 @@ def test_points_follow_the_slider_of_the_mesh_again(settings):
     recompute(mesh)
     set_t(mesh, 0.75)
     assert slider(points).value == pytest.approx(0.75)
+    lose(mesh, "all")
+    points.shape_key_clear()
+    recompute(mesh)
+    set_t(mesh, 0.5)
+    assert slider(points).value == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("applied", [False, True])
@@ -97,6 +102,37 @@ def test_without_the_source_as_well(shown, applied):
     elif not shown.pointmorph.keeps_faces:
         select(shown)
         assert 'with its shape key "Morph"' in error_of(bpy.ops.pointmorph.recompute)
+
+
+@pytest.mark.parametrize("animated", [False, True])
+def test_what_was_applied_meanwhile_stays(settings, animated):
+    """It jumped."""
+    settings.show_as = "MESH"
+    pair(14, 12)
+    mesh = morph()
+    mesh.rotation_euler = 0.3, 0.2, 0.7
+    mesh.location = 1, 2, 3
+    assert bpy.ops.object.transform_apply() == {"FINISHED"}
+    if animated:
+        mesh.keyframe_insert("location", frame=1)
+    before = seen(mesh)
+    lose(mesh, "all")
+    recompute(mesh)
+    bpy.context.view_layer.update()
+    matrix = np.array(mesh.matrix_world)
+    assert np.allclose(matrix, np.eye(4)) == animated
+    found = seen(mesh) @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(found, before, atol=1e-5)
+
+
+def test_what_cannot_come_back_names_other_ways(settings):
+    """Recompute said to recompute."""
+    pair(14, 12)
+    points = morph()
+    points.data.attributes.remove(points.data.attributes["path0_0"])  # as in an earlier version
+    lose(points, "all")
+    select(points)
+    assert "Alt-click Morph for a new result" in error_of(bpy.ops.pointmorph.recompute)
 
 
 def test_keys_of_a_renamed_slider_stay(shown):
