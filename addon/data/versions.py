@@ -125,6 +125,11 @@ def curves_of(block):
     return [curve for curves in _lists_of_curves(block) for curve in curves]
 
 
+def turns_mirrored_faces():
+    """Whether Blender turns faces where it applies a mirroring to a mesh."""
+    return is_at_least(5, 1)
+
+
 def remove_curve(block, path):
     """Takes the animation curve of a data-block's property away, if there is one."""
     for curves in _lists_of_curves(block):

@@ -124,13 +124,14 @@ def remake_mesh(copy, obj):
     own = morph_object.morph_keys(copy)
     base = arrays.key_positions(keys[0])
     moves = {key.name: arrays.key_positions(key) - base for key in keys[1:] if key.name not in own}
-    same = len(base) == len(places[0]) and _has_faces_of(mesh, source.data, kept)
+    turned = versions.turns_mirrored_faces() and transforms.is_mirrored(kept)
+    same = len(base) == len(places[0]) and _has_faces_of(mesh, source.data, turned)
     lost = []
     again = recipes.names_transferred(copy)
     if not same:
         lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
-        if transforms.is_mirrored(kept):
+        if turned:
             mesh.flip_normals()
     arrays.move_vertices(mesh, places[0])
     arrays.write_key(keys[0], places[0])
@@ -158,10 +159,14 @@ def remake_mesh(copy, obj):
     return lost
 
 
-def _has_faces_of(mesh, source, kept):
-    """Whether a mesh has the faces of another; Blender turns them where it applies a mirroring."""
-    reads = [arrays.mesh_edges, arrays.mesh_corners][: 1 if transforms.is_mirrored(kept) else 2]
-    return all(np.array_equal(read(mesh), read(source)) for read in reads)
+def _has_faces_of(mesh, source, turned):
+    """Whether a mesh has the faces of another, whose corners go in another order if it `turned`
+    them."""
+    corners = [arrays.mesh_corners(one) for one in (mesh, source)]
+    if turned:
+        corners = [np.sort(one) for one in corners]
+    edges = [arrays.mesh_edges(one) for one in (mesh, source)]
+    return np.array_equal(*edges) and np.array_equal(*corners)
 
 
 def _take_uvs(copy, obj, source):

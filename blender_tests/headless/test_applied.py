@@ -1,5 +1,6 @@
 """Transforms that the user applies (Ctrl+A) to a morph, or to what it was made from."""
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -122,8 +123,10 @@ def constrain(obj):
 
 
 def mirror(obj):
+    turn(obj)
     obj.scale.x = -1
-    animate_place(obj)
+    apply(obj)
+    obj.keyframe_insert("location", frame=1)
 
 
 LOST = {
@@ -164,6 +167,32 @@ def test_a_mesh_that_cannot_get_them_back_keeps_them(settings, change, capfd):
     expected = coordinates(source.data.shape_keys.key_blocks["Wide"].data)
     matrix = np.array(shown.matrix_world) @ applied
     np.testing.assert_allclose(found, expected @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-4)
+
+
+def delete_faces(mesh, rows):
+    """Their edges stay."""
+    edited = bmesh.new()
+    edited.from_mesh(mesh)
+    edited.faces.ensure_lookup_table()
+    bmesh.ops.delete(edited, geom=[edited.faces[row] for row in rows], context="FACES_ONLY")
+    edited.to_mesh(mesh)
+    edited.free()
+
+
+def test_a_mirrored_mesh_takes_the_source_s_new_faces(settings):
+    """Only their edges were compared."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    delete_faces(source.data, [])  # its edges have their final order
+    shown = morph()
+    mirror(shown)
+    side = shown.data.polygons[0].normal.copy()
+    edges = len(source.data.edges)
+    delete_faces(source.data, [20])
+    assert len(source.data.edges) == edges
+    recompute(shown)
+    assert len(shown.data.polygons) == len(source.data.polygons)
+    assert shown.data.polygons[0].normal.dot(side) > 0.99
 
 
 def test_its_curved_ways_are_applied_as_well(settings):
