@@ -7,7 +7,8 @@
 
 namespace pointmorph {
 
-/// Processor time of a call, in ticks; the least of three.
+/// Processor time of a call on all threads of the program, in ticks; the least of three.
+/// Microsoft's library counts the time that passes instead.
 template <class Work>
 double processor_time(Work&& work) {
     double least = std::numeric_limits<double>::infinity();

