@@ -235,7 +235,7 @@ void for_all(const std::vector<MeshPatch>& patches,
         else
             work(patch, progress);
     }
-    parallel_each(to_index(small.size()), progress, [&](Index p, Progress& its) {
+    parallel_invoke(static_cast<int>(small.size()), progress, [&](int p, Progress& its) {
         const ThreadCount one(1);  // thousands of short steps, also of one that is alone
         work(*small[to_size(p)], its);
     });

@@ -244,8 +244,8 @@ Trial ended(const PoseSearch& search, const Begun& half, Progress& progress) {
 template <class Made, class Given, class Make>
 std::vector<Made> each(const Given& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
-    parallel_each(to_index(given.size()), progress,
-                  [&](Index k, Progress& its) { made[to_size(k)] = make(given[to_size(k)], its); });
+    parallel_invoke(static_cast<int>(given.size()), progress,
+                    [&](int k, Progress& its) { made[to_size(k)] = make(given[to_size(k)], its); });
     return made;
 }
 

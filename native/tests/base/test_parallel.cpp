@@ -165,7 +165,7 @@ TEST_P(ParallelFor, RowsThatTakeLongEndWhereTheyAsk) {
         Progress progress([&](std::string_view, double) { return ++calls < 5; }, 0ms);
         std::atomic<int> begun{0}, ended{0};
         const auto run = [&] {
-            parallel_each(threads, progress, [&](Index, Progress& its) {
+            parallel_invoke(threads, progress, [&](int, Progress& its) {
                 ++begun;
                 for (int round = 0; round < 100000; ++round) {
                     its.report(0.5);

@@ -2,16 +2,12 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <concepts>
 #include <exception>
 #include <functional>
 #include <limits>
 #include <mutex>
-#include <string_view>
-#include <thread>
 
-#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 
@@ -82,40 +78,15 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
     progress.throw_if_cancelled();
 }
 
-/// Calls `body(i, its)` for i in [0, count), on all threads: rows that take long, each by itself.
-/// `its` lets the callback of `progress` speak on the calling thread, at any time, and throws
-/// Cancelled on all of them where that has asked for the end. Rethrows as parallel_for() does.
-template <std::invocable<Index, Progress&> Body>
-void parallel_each(Index count, Progress& progress, Body&& body) {
-    const std::thread::id caller = std::this_thread::get_id();
-    try {
-        parallel_for(
-            count, progress,
-            [&](Index begin, Index end) {
-                const bool is_caller = std::this_thread::get_id() == caller;
-                Progress its(
-                    [&](std::string_view, double) {
-                        return is_caller ? progress.poll() : !progress.cancelled();
-                    },
-                    std::chrono::milliseconds(0));
-                for (Index i = begin; i < end; ++i) body(i, its);
-            },
-            0.0, 1.0, 1);
-    } catch (const Cancelled&) {
-        progress.throw_if_cancelled();  // perhaps what the callback threw
-        throw;
-    }
-}
-
 /// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
 /// threads. `owner` is true on the calling thread, the only one that may poll a Progress. The
 /// exception of the lowest i is rethrown.
 void parallel_invoke(int count, const std::function<void(int, bool)>& body);
 
-/// Calls `body(i, its)` for i = 0 … count − 1 (a few), next to each other where there are threads.
-/// On the calling thread, which may do several, `its` is `progress`, of which each has a share; on
-/// others it says nothing, and is cancelled when `progress` is, whose callback is asked until all
-/// have ended. Throws Cancelled, else the exception of the lowest i.
+/// Calls `body(i, its)` for i = 0 … count − 1 (each takes long), next to each other where there are
+/// threads. On the calling thread, which may do several, `its` is `progress`, of which each has a
+/// share; on others it says nothing, and is cancelled when `progress` is, whose callback is asked
+/// until all have ended. Throws Cancelled, else the exception of the lowest i.
 void parallel_invoke(int count, Progress& progress,
                      const std::function<void(int, Progress&)>& body);
 
