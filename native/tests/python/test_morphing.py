@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import json
 import pickle
 import threading
@@ -588,39 +587,3 @@ def test_proposals_arent_for_the_papers_method() -> None:
     source, _ = urchin(1, np.eye(3))
     with pytest.raises(pointmorph.OptionError, match="paper"):
         pointmorph.propose_features(source, source, method="paper")
-
-
-def revolved(profile: list[tuple[float, float]], number: int = 48) -> pointmorph.Cloud:
-    """A profile of radius and height, turned around the z axis; lines are cut every .07."""
-    ends = np.array(profile)
-    steps = [
-        np.linspace(a, b, int(np.hypot(*(b - a)) / 0.07) + 1, endpoint=False)
-        for a, b in itertools.pairwise(ends)
-    ]
-    radius, height = np.concatenate([*steps, ends[-1:]]).T
-    angle = np.linspace(0, 2 * np.pi, number, endpoint=False)
-    places = [np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))]
-    points = np.stack([*places, np.repeat(height[:, None], number, axis=1)], axis=-1)
-    k, j = np.mgrid[: len(radius) - 1, :number]
-    corners = [number * k + j, number * k + (j + 1) % number]
-    faces = np.stack([*corners, corners[1] + number, corners[0] + number], axis=-1)
-    return pointmorph.Cloud(points.reshape(-1, 3), faces=faces.reshape(-1, 4))
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize(
-    "profile",
-    [
-        [(1.1, 0), (0.8, 0.3), (0.35, 0.9), (0.2, 1)],  # a skirt
-        [(1, 0.05), (0.9, 0), (0.5, 0.05), (0.45, 0.3), (0.4, 0.6), (0.2, 0.68), (0.02, 0.7)],
-    ],
-)
-def test_an_open_shape_is_no_part_of_one_that_is_unlike(
-    profile: list[tuple[float, float]], swapped: bool
-) -> None:
-    """It fits some piece of the other best on its side, or upside down."""
-    band = revolved([(1, 0), (1.1, 0.5), (1, 0.5), (0.9, 0), (1, 0)])
-    ends = [band, revolved(profile)] if swapped else [revolved(profile), band]
-    morph = pointmorph.morph(*ends)
-    heights = morph.source.positions[:, 2], morph.source_to_target[:, 2]
-    assert np.corrcoef(*heights)[0, 1] > 0.8
