@@ -37,7 +37,7 @@ class POINTMORPH_OT_key_morph(Explained, bpy.types.Operator):
         if reason is not None:
             return reason
         obj = shown_object(context)
-        if not (obj.is_editable and obj.data.is_editable):
+        if not morph_object.is_in_file(obj):
             return (
                 f'The slider of "{obj.name}" is linked from another file: make a library override '
                 "of its mesh in the Outliner, or make it local"

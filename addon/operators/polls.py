@@ -278,7 +278,7 @@ def _can_be_morphed_again(scene, obj):
     if not morph_object.is_made(obj) or obj.pointmorph.is_preview:
         return False
     both = {obj, obj.pointmorph.made_from or obj} if obj.pointmorph.keeps_faces else {obj}
-    if not all(one.is_editable and one.data.is_editable for one in both):
+    if not all(map(morph_object.is_in_file, both)):
         return False
     if not staleness.is_picked(scene, obj):
         return False

@@ -28,7 +28,7 @@ def restore(obj):
     """Gives a morph object the shape keys back that it has lost, where they were made. What moved
     the slider went with it."""
     lost = _names(obj)
-    editable = obj.is_editable and obj.data.is_editable and obj.mode == "OBJECT"
+    editable = morph_object.is_in_file(obj) and obj.mode == "OBJECT"
     if not lost or not editable or _renamed_back(obj, lost):
         return
     places = _places(obj)

@@ -85,6 +85,11 @@ def vertices_added(obj):
     return now - (recipes.report_of(obj) or {}).get("pairs", now)
 
 
+def is_in_file(obj):
+    """Whether an object and its data can be changed: neither is linked from another file."""
+    return obj.is_editable and obj.data.is_editable
+
+
 def is_beside(mesh, obj):
     """Whether a mesh was made from a morph object that another one shows: a duplicate, or one more
     mesh of the source."""

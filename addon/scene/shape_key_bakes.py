@@ -35,7 +35,7 @@ def bake_pairs(context, obj, steps, path):
         Names of the keys.
     """
     _check_at_rest(obj)
-    if not (obj.is_editable and obj.data.is_editable):
+    if not morph_object.is_in_file(obj):
         raise pointmorph.CloudError(
             obj.name,
             "a morph object in this file",
