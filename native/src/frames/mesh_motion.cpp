@@ -555,6 +555,14 @@ MeshMotion::MeshMotion(const Mesh& mesh, const OrientedView& vertices, const Pos
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         places.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
     bend_ = std::make_unique<const Bend>(mesh, places, progress);
+    std::vector<Index> first(to_size(mesh.positions.rows()), -1);
+    for (Index v = 0; v < to_index(mesh.places.size()); ++v) {
+        Index& standing = first[to_size(mesh.places[to_size(v)])];
+        if (standing < 0) standing = v;
+        const Eigen::RowVector3d beside =
+            vertices.positions.row(v) - vertices.positions.row(standing);
+        if (!beside.isZero(0.0)) rounded_.emplace_back(v, beside);
+    }
 }
 
 MeshMotion::~MeshMotion() = default;
@@ -574,7 +582,9 @@ Positions MeshMotion::at(double t, Progress& progress) const {
     Positions around = mesh.positions;
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         around.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
-    return gather(part.apply(mesh.unit.restore(bend_->at(t, around, progress))), mesh.places);
+    moved = gather(part.apply(mesh.unit.restore(bend_->at(t, around, progress))), mesh.places);
+    for (const auto& [vertex, beside] : rounded_) moved.row(vertex) += (1.0 - t) * beside;
+    return moved;
 }
 
 }  // namespace pointmorph

@@ -26,6 +26,7 @@ void take_triangles(const Polygons& faces, Mesh& mesh, Progress& progress) {
     constexpr double kNoArea = 1e-14;
     std::vector<Corners> triangles;
     triangles.reserve(to_size(faces.size()));
+    mesh.polygons.clear();
     std::vector<Index> corners;
     for (Index f = 0; f < faces.size(); ++f) {
         corners.clear();
@@ -240,11 +241,16 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     ask();
     take_triangles(cloud.faces, mesh, progress);
     ask();
-    part_what_touches(cloud.faces, mesh, progress);
-    ask();
-    find_areas(mesh);
     MeshEdges edges(mesh.triangles);
     ask();
+    if (close_rounded_seams(edges, mesh, progress)) {
+        take_triangles(cloud.faces, mesh, progress);
+        edges = MeshEdges(mesh.triangles);
+    }
+    ask();
+    if (part_what_touches(cloud.faces, edges, mesh, progress)) edges = MeshEdges(mesh.triangles);
+    ask();
+    find_areas(mesh);
     if (make_agree(edges, mesh)) edges = MeshEdges(mesh.triangles);
     ask();
     find_parts(mesh);

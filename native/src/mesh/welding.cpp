@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numbers>
 #include <numeric>
 #include <optional>
@@ -12,6 +13,7 @@
 
 #include "base/angle.hpp"
 #include "mesh/mesh_edges.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 
 namespace pointmorph {
@@ -161,6 +163,57 @@ private:
     bool inward_ = false;  ///< whether faces show their inside
 };
 
+/// Places at the ends of edges that one triangle has.
+struct OpenPlaces {
+    std::vector<Index> places;    ///< ascending
+    std::vector<double> lengths;  ///< of the shortest such edge at each
+};
+
+OpenPlaces open_places(const MeshEdges& edges, const Mesh& mesh) {
+    std::vector<std::pair<Index, double>> ends;
+    for (Index e = 0; e < edges.size(); ++e) {
+        if (edges[e].size() != 1) continue;
+        const Index start = start_of(mesh.triangles, edges[e].front()),
+                    end = end_of(mesh.triangles, edges[e].front());
+        const double length = (mesh.positions.row(end) - mesh.positions.row(start)).norm();
+        ends.emplace_back(start, length);
+        ends.emplace_back(end, length);
+    }
+    std::ranges::sort(ends);
+    OpenPlaces result;
+    for (const auto& [place, length] : ends)
+        if (result.places.empty() || result.places.back() != place) {
+            result.places.push_back(place);
+            result.lengths.push_back(length);
+        }
+    return result;
+}
+
+/// Which place each one becomes: the first of those that lie within rounding of it.
+std::vector<Index> but_for_rounding(const OpenPlaces& open, const Mesh& mesh, Progress& progress) {
+    constexpr double kRounding = 1e-5;
+    constexpr double kOfEdges = 0.05;  // at most: the smallest faces are no rounding
+    std::vector<Index> first(to_size(mesh.positions.rows()));
+    std::iota(first.begin(), first.end(), 0);
+    const Positions at = gather(mesh.positions, open.places);
+    const KdTree<3> tree(at);
+    std::vector<std::pair<Index, double>> near;
+    for (std::size_t i = 0; i < open.places.size(); ++i) {
+        if (i % 1024 == 0) progress.report(0.0);
+        const Index place = open.places[i];
+        if (first[to_size(place)] != place) continue;
+        const double reach = std::min(kRounding, kOfEdges * open.lengths[i]);
+        tree.within_unsorted(at.row(to_index(i)).data(), reach, near);
+        for (const auto& [j, squared] : near) {
+            Index& other = first[to_size(open.places[to_size(j)])];
+            if (to_size(j) > i && other == open.places[to_size(j)] &&
+                std::sqrt(squared) < kOfEdges * open.lengths[to_size(j)])
+                other = place;
+        }
+    }
+    return first;
+}
+
 /// Joins vertices that no triangle has to those that stand for them.
 void take_unused(const Polygons& faces, const Mesh& mesh, GrowingComponents& vertices) {
     std::vector<char> is_used(mesh.places.size(), 0);
@@ -215,10 +268,30 @@ void weld(const Positions& vertices, Mesh& mesh) {
     mesh.positions = mesh.unit.apply(gather(vertices, rows));
 }
 
-void part_what_touches(const Polygons& faces, Mesh& mesh, Progress& progress) {
-    if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return;
+bool close_rounded_seams(const MeshEdges& edges, Mesh& mesh, Progress& progress) {
+    const OpenPlaces open = open_places(edges, mesh);
+    if (open.places.empty()) return false;
+    const std::vector<Index> first = but_for_rounding(open, mesh, progress);
+    const auto count = to_index(first.size());
+    std::vector<Index> number(to_size(count)), rows;
+    for (Index p = 0; p < count; ++p) {
+        if (first[to_size(p)] == p) {
+            number[to_size(p)] = to_index(rows.size());
+            rows.push_back(p);
+        } else {
+            number[to_size(p)] = number[to_size(first[to_size(p)])];
+        }
+    }
+    if (to_index(rows.size()) == count) return false;
+    for (Index& place : mesh.places) place = number[to_size(place)];
+    mesh.positions = gather(mesh.positions, rows);
+    return true;
+}
+
+bool part_what_touches(const Polygons& faces, const MeshEdges& edges, Mesh& mesh,
+                       Progress& progress) {
+    if (mesh.positions.rows() == static_cast<Eigen::Index>(mesh.places.size())) return false;
     GrowingComponents vertices(to_index(mesh.places.size()));
-    const MeshEdges edges(mesh.triangles);
     Seams seams(mesh, vertices, progress);
     for (Index e = 0; e < edges.size(); ++e) seams.close(edges[e]);
     take_unused(faces, mesh, vertices);
@@ -226,11 +299,12 @@ void part_what_touches(const Polygons& faces, Mesh& mesh, Progress& progress) {
     std::vector<Index> places = vertices.components().label, spots;
     for (std::size_t v = 0; v < places.size(); ++v)
         if (to_size(places[v]) == spots.size()) spots.push_back(mesh.places[v]);
-    if (to_index(spots.size()) == to_index(mesh.positions.rows())) return;
+    if (to_index(spots.size()) == to_index(mesh.positions.rows())) return false;
     mesh.positions = gather(mesh.positions, spots);
     mesh.places = std::move(places);
     for (Index c = 0; c < mesh.triangles.size(); ++c)
         mesh.triangles(c / 3, c % 3) = mesh.places[to_size(mesh.vertices(c / 3, c % 3))];
+    return true;
 }
 
 }  // namespace pointmorph

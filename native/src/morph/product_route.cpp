@@ -68,6 +68,15 @@ double share_beyond(const Positions& images, const PreparedShape& other,
                              static_cast<double>(ends.size()) / other.size());
 }
 
+/// The turn and translation of a map as it has become, with its scale. Those that it began with may
+/// be a trial's, tilted by where other parts lie.
+Similarity alignment_of(const Refinement& map, const Positions& source, const Positions& target) {
+    Positions from(source.rows() + target.rows(), 3), to(from.rows(), 3);
+    from << map.alignment.scale * target, map.alignment.scale * map.source_images;
+    to << map.target_images, source;
+    return composed(fit_rigid_motion(from, to), {.scale = map.alignment.scale});
+}
+
 /// The map of the whole shapes, with each component in its counterpart where they have several.
 Refinement refine_by_component(const RouteInput& input, const std::optional<RefinementStart>& start,
                                const Ends& ends, const ProductRouteOptions& options,
@@ -94,17 +103,17 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const ComponentView target_view{target.topology, target.positions, target.normals,
                                     whole.target_images, ends.target};
     const std::vector<IndexPair> joined = joining_marks(input.features);
-    const ComponentMatching matching = match_components(
-        source_view, target_view, joined, whole.alignment, options.components, progress);
+    const Similarity alignment = alignment_of(whole, source.positions, target.positions);
+    const ComponentMatching matching =
+        match_components(source_view, target_view, joined, alignment, options.components, progress);
     if (matching.matched.empty()) return as_one();
-    DividedComponents divided =
-        divide_components(source_view, target_view, matching,
-                          {joined, whole.alignment, options.components}, progress);
+    DividedComponents divided = divide_components(
+        source_view, target_view, matching, {joined, alignment, options.components}, progress);
     const ComponentView source_parts{divided.source, source.positions, source.normals,
                                      whole.source_images, ends.source};
     const ComponentView target_parts{divided.target, target.positions, target.normals,
                                      whole.target_images, ends.target};
-    match_rest(divided.matching, source_parts, target_parts, whole.alignment, options.components,
+    match_rest(divided.matching, source_parts, target_parts, alignment, options.components,
                progress);
     ComponentGroups groups = group_components(source_parts, target_parts, divided.matching,
                                               options.components, progress);
@@ -118,8 +127,9 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const ComponentMarks marks{groups, input.features};
     whole.diagnostics.source_loose = groups.source.loose;
     whole.diagnostics.target_loose = groups.target.loose;
-    const Refinement by_group = mapped_by_group(whole, source_parts, target_parts, marks,
-                                                {options.components, options.refinement}, progress);
+    const Refinement by_group =
+        mapped_by_group(whole, source_parts, target_parts, marks,
+                        {options.components, options.refinement, alignment.rotation}, progress);
     return kept_apart(by_group,
                       {divided.source, source.positions, source.normals, by_group.source_images},
                       {divided.target, target.positions, target.normals, by_group.target_images},

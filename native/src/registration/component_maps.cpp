@@ -425,7 +425,7 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
     const Frame frame = frame_of(whole, source.positions);
     const std::vector<GroupRows> rows = group_rows(marks.groups);
     const GroupFeatures of_groups = group_features(marks, rows);
-    const Matrix3 source_turn = whole.alignment.rotation.transpose();
+    const Matrix3 source_turn = options.target_turn.transpose();
     const auto share = [&](const GroupRows& group) {
         return 0.5 * (static_cast<double>(group.source.size()) / source.positions.rows() +
                       static_cast<double>(group.target.size()) / target.positions.rows());

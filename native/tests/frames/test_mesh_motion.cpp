@@ -139,6 +139,20 @@ TEST(MeshMotion, EndsWhereItIsToldTo) {
     }
 }
 
+TEST(MeshMotion, SeamsThatDifferByRoundingStayClosedOnTheWay) {
+    const Cloud cloud = mesh_shapes::split(tube());
+    Positions beside = cloud.positions;
+    for (Index v = 0; v < cloud.size(); ++v) beside(v, v % 3) += v % 2 == 0 ? 1e-6 : 0.0;
+    const Positions ends = mapped(cloud.positions, [](const Vector3& p) { return bent(p, 2.0); });
+    Cloud rounded = cloud;
+    rounded.positions = beside;
+    const Trip trip(rounded, ends, PathKind::kRigid), closed(cloud, ends, PathKind::kRigid);
+    EXPECT_LT((trip.motion.at(0.0) - beside).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_LT((trip.motion.at(1.0) - ends).cwiseAbs().maxCoeff(), 1e-9);
+    for (const double t : {0.25, 0.5, 0.75})
+        EXPECT_LT((trip.motion.at(t) - closed.motion.at(t)).cwiseAbs().maxCoeff(), 1e-4);
+}
+
 TEST(MeshMotion, ABentTubeBendsEvenly) {
     const Cloud cloud = tube();
     // At the last, both ends turn by more than half a turn against the middle.

@@ -105,6 +105,43 @@ def test_parts_that_touch_stay_apart() -> None:
     assert not [text for text in report["warnings"] if "counterpart" in text]
 
 
+def test_seams_that_differ_by_rounding_are_closed() -> None:
+    """As exporters leave them that apply transforms to split vertices in single precision."""
+    rng = np.random.default_rng(5)
+    places, faces = split(bottle(1, 2))
+    rounded = places + rng.uniform(-1e-6, 1e-6, places.shape)
+    source = pointmorph.Cloud(rounded, faces=faces, name="One")
+    target = pointmorph.Cloud(*bottle(0.5, 2)[:1], faces=bottle(0.5, 2)[1], name="Other")
+    morph = pointmorph.morph(source, target)
+    assert pieces(dict(morph.report), "source") == [(0, 0)]
+    np.testing.assert_allclose(morph.wrapped(0.0), rounded, atol=1e-9)
+    _, place = np.unique(places.round(9), axis=0, return_inverse=True)
+    for t in (0.25, 0.5, 0.75, 1.0):
+        on_the_way = np.asarray(morph.wrapped(t))
+        for one in range(place.max() + 1):
+            assert np.ptp(on_the_way[place.reshape(-1) == one], axis=0).max() < 1e-5
+
+
+def side_view(outline: list[tuple[float, float]], width: float) -> Mesh:
+    """The same outline on both sides, and what is between them."""
+    count = len(outline)
+    places = np.array([[side * width / 2, y, z] for side in (-1, 1) for y, z in outline])
+    around = [[i, (i + 1) % count, count + (i + 1) % count, count + i] for i in range(count)]
+    return places, [list(range(count))[::-1], list(range(count, 2 * count)), *around]
+
+
+def test_a_van_is_divided_among_the_cab_and_the_bed_of_a_pickup() -> None:
+    """Also where the map began with one of them tilted, as if the cab were most of the van."""
+    wheels = [box((0.3, 0.6, 0.6), (x, y, 0)) for x in (-0.7, 0.4) for y in (-1.16, 0.36)]
+    front = [(-0.4, 1.6), (-0.7, 0.9), (-1.3, 0.9)]
+    van = together(side_view([(-1.3, 0.4), (1.3, 0.4), (1.3, 1.6), *front], 1.2), *wheels)
+    cab = side_view([(-1.3, 0.4), (0.2, 0.4), (0.2, 1.6), *front], 1.2)
+    pickup = together(cab, box((1.2, 1.1, 0.4), (-0.6, 0.2, 0.4)), *wheels)
+    for source, target in ((van, pickup), (pickup, van)):
+        warnings = report_of(source, target)["warnings"]
+        assert [text for text in warnings if "divided among 2 of" in text]
+
+
 def test_a_way_through_is_told_of_its_piece() -> None:
     small = (bottle(0.3, 0.6)[0] + [3, 0, 0], bottle(0.3, 0.6)[1])
     report = report_of(together(torus(0.3), small), together(bottle(1.2, 0.6), small))

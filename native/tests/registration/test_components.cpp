@@ -351,9 +351,10 @@ Positions with_plate() {
     return together({shapes::sphere(kBody), plate});
 }
 
+/// Across the plate, so that it isn't divided among them.
 Positions with_balls() {
-    return together({shapes::sphere(kBody), ball(kRest / 2, 0.35, -1.7, 0.3, -1.5),
-                     ball(kRest / 4, 0.3, 1.3, -0.3, -1.5), ball(kRest / 4, 0.2, 0.2, 0.3, -1.5)});
+    return together({shapes::sphere(kBody), ball(kRest / 2, 0.35, -0.6, -1.6, -1.5),
+                     ball(kRest / 4, 0.3, 0.4, 1.3, -1.5), ball(kRest / 4, 0.2, -0.2, 0.3, -1.5)});
 }
 
 const Topology& plate_topology() {

@@ -318,8 +318,9 @@ TEST(DividedComponents, GoAsWholesWhereOthersHaveJoinedThem) {
     ASSERT_TRUE(groups.joined[to_size(middle)]);
     ComponentOptions options;
     options.fewest_points = 10000;
-    const Refinement map = mapped_by_group(staying(rods.positions, panel.positions), source, target,
-                                           {groups, {}}, {options, {}}, progress);
+    const Refinement map =
+        mapped_by_group(staying(rods.positions, panel.positions), source, target, {groups, {}},
+                        {options, {}, Matrix3::Identity()}, progress);
     double widest = 0.0;
     for (std::size_t i = 0; i < rods.topology.labels.size(); ++i)
         if (rods.topology.labels[i] == 7)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -36,6 +37,8 @@ private:
     GradualSimilarity similarity_;
     Motion motion_;
     std::unique_ptr<const Bend> bend_;  ///< null unless the path is rigid
+    /// Vertices that lie beside the first one of their place, by rounding, and where.
+    std::vector<std::pair<Index, Eigen::RowVector3d>> rounded_;
 };
 
 }  // namespace pointmorph

@@ -16,8 +16,8 @@ namespace pointmorph {
 using Triangles = Eigen::Matrix<Index, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 /// A *vertex* is a row of the cloud, a *place* one of this surface: vertices at the very same place
-/// share it, so that seams and what importers leave behind are closed. Lengths are those of the
-/// unit ball; see `unit`.
+/// share it, or where the surface ends but for rounding, so that seams and what importers leave
+/// behind are closed. Lengths are those of the unit ball; see `unit`.
 struct Mesh {
     Normalization unit;         ///< takes the vertices to where the places are
     Positions positions;        ///< #places by 3

@@ -122,6 +122,7 @@ struct ComponentMarks {
 struct GroupMapping {
     const ComponentOptions& components;
     const RefinementOptions& refinement;
+    Matrix3 target_turn;  ///< takes the target's axes to the source's
 };
 
 /// The map of the whole with every group mapped by itself: from where its components lie and how
