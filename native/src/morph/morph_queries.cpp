@@ -9,6 +9,7 @@
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
+#include "morph/product_route.hpp"
 #include "morph/wrapped_mesh.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -132,7 +133,7 @@ Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
         for (IndexPair& pair : pinned) std::swap(pair.source, pair.target);
     return {{from, is_source ? source_holds : target_holds, *mesh,
              is_source ? source_images : target_images, is_source ? source_images_ : target_images_,
-             options_.missing_parts == MissingParts::kLeave},
+             leaves_missing(options_, source_.positions, target_.positions)},
             {to, other ? &*other : nullptr, is_source ? target_images : source_images},
             std::move(pinned)};
 }

@@ -258,7 +258,9 @@ const std::vector<Option> kTable{
             .choices = {"leave", "stretch"},
             .help = "What happens where one model ends and the other goes on, such as a bust and a "
                     "whole figure. leave: what only the other has grows out of that border, or "
-                    "shrinks into it. stretch: the one is stretched over all of the other",
+                    "shrinks into it. stretch: the one is stretched over all of the other, as a "
+                    "flat sheet "
+                    "is over what isn't flat in any case",
             .method = Method::kAuto}),
     choice(
         POINTMORPH_FIELD(path),

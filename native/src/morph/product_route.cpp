@@ -9,6 +9,7 @@
 #include "morph/words.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "registration/divided_components.hpp"
 #include "registration/lost_parts.hpp"
@@ -147,6 +148,16 @@ void judge_normals(bool inside_out, const PreparedShape& source, const PreparedS
         result.source_is_inside_out = true;
     else if (std::ranges::count(result.warnings, normals_disagree()) == 0)
         result.warnings.push_back(normals_disagree());
+}
+
+bool leaves_missing(const MorphOptions& options, const Positions& source, const Positions& target) {
+    constexpr double kFlat = 0.02;  // of its size, in root mean squares
+    const auto is_flat = [&](const Positions& shape) {
+        const Positions arms = shape.rowwise() - shape.colwise().mean();
+        const PrincipalAxes spread = principal_axes(arms.transpose() * arms);
+        return spread.eigenvalues[0] < kFlat * kFlat * spread.eigenvalues[2];
+    };
+    return options.missing_parts == MissingParts::kLeave && is_flat(source) == is_flat(target);
 }
 
 RouteResult match_in_product_space(const RouteInput& input,

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "morph/route_result.hpp"
+#include "pointmorph/morph/morph_options.hpp"
 #include "pointmorph/registration/components.hpp"
 #include "pointmorph/registration/refinement.hpp"
 
@@ -23,6 +24,11 @@ struct ProductRouteOptions {
     /// Whether what lies beyond the end of one shape pulls at it; see MissingParts.
     bool leave_missing = true;
 };
+
+/// Whether what is missing of one shape is left where it is: so the options say, unless one shape
+/// is flat and the other isn't. What is flat fits any flat place of the other, and would shrink
+/// into one.
+bool leaves_missing(const MorphOptions& options, const Positions& source, const Positions& target);
 
 /// `start`, where there is one, is in sorted rows. A shape with estimated normals counts as inside
 /// out where they face the other way than those of the other shape. Throws the errors of the

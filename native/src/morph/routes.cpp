@@ -154,12 +154,13 @@ RouteResult refined(const RouteInput& input, const std::optional<RefinementStart
     // The disk's maps are refined with neighbors as the product space itself finds them.
     const NeighborSource neighbors =
         domain == Domain::kDisk ? NeighborSource::kSearched : NeighborSource::kPrepared;
-    return match_in_product_space(input, start,
-                                  {.refinement = options.refinement,
-                                   .components = options.components,
-                                   .neighbors = neighbors,
-                                   .leave_missing = options.missing_parts == MissingParts::kLeave},
-                                  progress);
+    return match_in_product_space(
+        input, start,
+        {.refinement = options.refinement,
+         .components = options.components,
+         .neighbors = neighbors,
+         .leave_missing = leaves_missing(options, input.source.positions, input.target.positions)},
+        progress);
 }
 
 }  // namespace

@@ -289,3 +289,26 @@ def test_an_open_shape_is_no_part_of_one_that_is_unlike(
     morph = pointmorph.morph(*ends)
     heights = morph.source.positions[:, 2], morph.source_to_target[:, 2]
     assert np.corrcoef(*heights)[0, 1] > 0.8
+
+
+def sheet(side: int) -> pointmorph.Cloud:
+    """A square of squares, flat."""
+    u, v = np.meshgrid(np.linspace(-2, 2, side), np.linspace(-2, 2, side), indexing="ij")
+    rows = np.arange(side * side).reshape(side, side)
+    faces = np.stack([rows[:-1, :-1], rows[1:, :-1], rows[1:, 1:], rows[:-1, 1:]], axis=2)
+    positions = np.stack([u, v, 0 * u], axis=2).reshape(-1, 3)
+    return pointmorph.Cloud(positions, faces=faces.reshape(-1, 4), name="Sheet")
+
+
+@pytest.mark.parametrize("is_source", [True, False])
+def test_a_flat_sheet_is_no_part_of_a_body(is_source: bool) -> None:
+    """Though it fits any flat place of it, and best where it is as small as a spot."""
+    positions, faces = whole()
+    body = pointmorph.Cloud(positions, faces=faces, name="Body")
+    pair = (sheet(30), body) if is_source else (body, sheet(30))
+    morph = pointmorph.morph(*pair)
+    assert not [text for text in morph.report["warnings"] if "ends where" in text]
+    there = np.asarray(morph.wrapped(1.0))
+    extents = np.ptp(pair[1].positions, axis=0)
+    covered = np.ptp(there, axis=0)[extents > 0] / extents[extents > 0]
+    assert covered.min() > 0.85
