@@ -10,6 +10,7 @@
 
 #include "measures/measured_map.hpp"
 #include "measures/place_words.hpp"
+#include "mesh/border_edges.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -274,36 +275,6 @@ private:
         }
     }
 
-    /// Corners of edges along borders, the lower row first, and each corner with itself; ascending.
-    std::vector<std::array<Index, 2>> border_edges() const {
-        std::vector<std::array<Index, 2>> edges;
-        for (const std::vector<Index>& border : mesh_.borders)
-            for (std::size_t k = 0; k < border.size(); ++k) {
-                const Index a = border[k], b = border[(k + 1) % border.size()];
-                edges.push_back({std::min(a, b), std::max(a, b)});
-                edges.push_back({a, a});
-            }
-        std::ranges::sort(edges);
-        return edges;
-    }
-
-    /// Whether the place lies on one of these edges or corners.
-    bool is_on(const std::vector<std::array<Index, 2>>& edges, const SurfacePoint& place) const {
-        constexpr double kNone = 1e-9;
-        const auto corners = mesh_.triangles.row(place.triangle);
-        for (Index k = 0; k < 3; ++k) {
-            const Index own = corners[k];
-            if (place.weights[k] >= 1.0 - kNone &&
-                std::ranges::binary_search(edges, std::array{own, own}))
-                return true;
-            const Index a = corners[(k + 1) % 3], b = corners[(k + 2) % 3];
-            if (place.weights[k] <= kNone &&
-                std::ranges::binary_search(edges, std::array{std::min(a, b), std::max(a, b)}))
-                return true;
-        }
-        return false;
-    }
-
     void find_uncovered(bool leaves_missing, Progress& progress) {
         const Positions& samples = target_.samples();
         const auto count = to_index(samples.rows());
@@ -319,11 +290,11 @@ private:
         std::vector<double> distances;
         const double limit = kGood[to_size(MeshFlaw::kUncovered)];
         constexpr double kCounted = 0.01;  // of the samples lie beyond the percentile
-        const auto edges = leaves_missing ? border_edges() : std::vector<std::array<Index, 2>>();
+        const BorderEdges edges(mesh_);
         for (Index i = 0; i < count; ++i) {
             const SurfacePoint& foot = feet[to_size(i)];
             const double distance = std::sqrt(foot.squared_distance);
-            if (leaves_missing && is_on(edges, foot)) continue;
+            if (leaves_missing && edges.hold(foot)) continue;
             distances.push_back(distance);
             if (distance < limit) continue;
             Eigen::Index corner = 0;

@@ -1,48 +1,18 @@
 #include "mesh/mending.hpp"
 
 #include <Eigen/Geometry>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 #include <span>
 #include <utility>
 
+#include "mesh/membrane.hpp"
 #include "mesh/mesh_patches.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
 namespace {
-
-/// Puts the vertices of a patch where the sheet's weights balance between those around them.
-void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, Positions& x) {
-    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
-    const auto count = to_index(patch.vertices.size());
-    const Laplacian& laplacian = sheet.laplacian();
-    std::vector<Eigen::Triplet<double, Index>> entries;
-    Positions right = Positions::Zero(count, 3);
-    for (Index i = 0; i < count; ++i) {
-        const Index v = patch.vertices[to_size(i)];
-        entries.emplace_back(i, i, laplacian.sums[to_size(v)]);
-        for (Index k = laplacian.offsets[to_size(v)]; k < laplacian.offsets[to_size(v) + 1]; ++k) {
-            const Index to = laplacian.neighbors[to_size(k)];
-            const double weight = laplacian.weights[to_size(k)];
-            const auto at = std::ranges::lower_bound(patch.vertices, to);
-            if (at != patch.vertices.end() && *at == to)
-                entries.emplace_back(i, to_index(at - patch.vertices.begin()), -weight);
-            else
-                right.row(i) += weight * x.row(to);
-        }
-    }
-    Matrix matrix(count, count);
-    matrix.setFromTriplets(entries.begin(), entries.end());
-    const Eigen::SimplicialLDLT<Matrix> solver(matrix);
-    // A patch that nothing holds has no place of its own.
-    if (solver.info() != Eigen::Success) return;
-    const Eigen::MatrixXd solution = solver.solve(Eigen::MatrixXd(right));
-    if (!solution.allFinite()) return;
-    for (Index i = 0; i < count; ++i) x.row(patch.vertices[to_size(i)]) = solution.row(i);
-}
 
 Vector3 normal_at(const ElasticSheet& sheet, const Creases& creases, const Positions& x, Index v) {
     Vector3 sum = Vector3::Zero();
@@ -113,7 +83,7 @@ private:
             [&](Index begin, Index end) {
                 for (Index p = begin; p < end; ++p)
                     if (!patches[to_size(p)].vertices.empty())
-                        span_membrane(sheet_, patches[to_size(p)], x_);
+                        span_membrane(sheet_.laplacian(), patches[to_size(p)].vertices, x_);
             },
             0.0, 0.0, 1);
         land(patches, progress);

@@ -8,10 +8,12 @@
 #include <vector>
 
 #include "mesh/block_system.hpp"
+#include "mesh/border_edges.hpp"
 #include "mesh/carried_parts.hpp"
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/creases.hpp"
 #include "mesh/elastic_sheet.hpp"
+#include "mesh/membrane.hpp"
 #include "mesh/mending.hpp"
 #include "mesh/relaxing.hpp"
 #include "mesh/rigid_regions.hpp"
@@ -116,25 +118,52 @@ public:
     /// off much of the target, what keeps it there stays as it lies: the wall of a hole that the
     /// target doesn't have.
     void finish(const Mesh* surface, Progress& progress) {
-        // Of 40 pairs of things, turning back bared 65 to 71 % where a torus became a ball, and
-        // otherwise less than 2 %, but for a torus on a head with two holes.
-        constexpr double kMuch = 0.03;  // of the area
         std::optional<Faces> faces;
         if (surface) faces.emplace(*surface, scale_, progress);
-        const Positions settled = x_;
-        finish_on(faces ? &*faces : nullptr, progress);
-        const double bare = bare_by_face(x_, progress).sum();
-        if (bare < kMuch || !(bare > bare_by_face(settled, progress).sum() + kMuch)) return;
-        const Positions bared = std::exchange(x_, settled);
-        stays_on_ = true;
-        finish_on(faces ? &*faces : nullptr, progress);
-        if (!(bare_by_face(x_, progress).sum() < bare)) x_ = bared;
+        finish(faces ? &*faces : nullptr, progress);
+        if (faces) span_openings(*faces, progress);
     }
 
     /// In √area.
     Positions places() && { return std::move(x_); }
 
 private:
+    void finish(const Faces* faces, Progress& progress) {
+        // Of 40 pairs of things, turning back bared 65 to 71 % where a torus became a ball, and
+        // otherwise less than 2 %, but for a torus on a head with two holes.
+        constexpr double kMuch = 0.03;  // of the area
+        const Positions settled = x_;
+        finish_on(faces, progress);
+        const double bare = bare_by_face(x_, progress).sum();
+        if (bare < kMuch || !(bare > bare_by_face(settled, progress).sum() + kMuch)) return;
+        const Positions bared = std::exchange(x_, settled);
+        stays_on_ = true;
+        finish_on(faces, progress);
+        if (!(bare_by_face(x_, progress).sum() < bare)) x_ = bared;
+    }
+
+    /// What has gone beyond the target's ends spans its openings as a membrane. Drawn to planes
+    /// that go on beyond them, it would stick out of them.
+    void span_openings(const Faces& faces, Progress& progress) {
+        constexpr double kBeyond = 0.01;
+        const BorderEdges borders(faces.mesh);
+        if (borders.empty()) return;
+        const std::vector<char> is_fixed = fixed(0.0);
+        std::vector<char> is_beyond(to_size(x_.rows()), 0);
+        parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
+            for (Index v = begin; v < end; ++v) {
+                if (is_fixed[to_size(v)] || sheet_.around(v).empty()) continue;
+                const SurfacePoint point = faces.tree.closest(x_.row(v).transpose());
+                is_beyond[to_size(v)] =
+                    point.squared_distance > kBeyond * kBeyond && borders.hold(point);
+            }
+        });
+        std::vector<Index> beyond;
+        for (Index v = 0; v < x_.rows(); ++v)
+            if (is_beyond[to_size(v)]) beyond.push_back(v);
+        if (!beyond.empty()) span_membrane(sheet_.laplacian(), beyond, x_);
+    }
+
     void finish_on(const Faces* faces, Progress& progress) {
         sides_ =
             samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
