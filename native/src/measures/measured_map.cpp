@@ -128,6 +128,7 @@ Matrix3 jacobian(const MeasuredCloud& cloud, const MeasuredMap& map, Index i) {
 /// Fits the Jacobian at one point to the images of its neighbors.
 void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index i,
                   MeasuredMap& map) {
+    constexpr double kRounded = 1e-5;  // of √area: the same place, as both sides of a seam are
     const double scale = cloud.root_area / other.root_area;
     const Index step = edge_step(cloud.size());
     const auto [a, b] = tangents(cloud, i);
@@ -141,7 +142,7 @@ void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index 
         const Vector3 step_here = cloud.positions.row(j) - cloud.positions.row(i);
         const Vector3 step_there = map.images.row(j) - map.images.row(i);
         const double length = step_here.norm();
-        if (!(length > 0.0)) continue;
+        if (!(length > kRounded * cloud.root_area)) continue;
         const double stretch = scale * step_there.norm() / length;
         energy += stretch * stretch;
         if (i % step == 0) map.edges[to_size(i / step * kMeasuredNeighbors + used)] = stretch;

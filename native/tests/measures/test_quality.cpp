@@ -125,6 +125,17 @@ TEST(Quality, AStretchedPlaneHasTheSingularValuesOfTheStretch) {
     EXPECT_TRUE(quality.worst.empty());
 }
 
+/// Every point once more, beside itself by rounding; both have their own images.
+TEST(Quality, TakesBothSidesOfASeamForOnePlace) {
+    const Positions sheet = shapes::grid(kSide);
+    Positions twice(2 * sheet.rows(), 3), images(twice.rows(), 3);
+    twice << sheet, sheet.array() + 1e-7;
+    images << sheet, sheet.array() + 2e-3;
+    const Case rounded =
+        of_same_rows(cloud("Sheet", twice, up), cloud("Tray", images, up), images, twice);
+    EXPECT_LT(rounded.measure().source_to_target.stretch_p99, 1.3);
+}
+
 TEST(Quality, OfASphereThatBecomesAnEllipsoid) {
     const Vector3 axes(2.0, 1.0, 0.7);
     const Positions p = shapes::sphere(12000);
