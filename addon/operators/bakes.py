@@ -14,6 +14,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     animated_shape,
+    as_shown,
     cache_files,
     cached_frames,
     frame_files,
@@ -114,10 +115,9 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         if original != changed:
             presentation.set_visible(context, original, False)
             presentation.set_visible(context, changed, True)
-            said += (
-                f', a copy with modifiers applied. For keys on "{original.name}" itself, choose it '
-                "as the source, turn on Keep Modifiers and morph again"
-            )
+            said += ", a copy with modifiers applied"
+            if original.type == "MESH":
+                said += f'. For keys on "{original.name}" itself, {as_shown.how_to_keep(original)}'
         elif changed.hide_get():
             said += (
                 ". It is hidden while the mesh is shown: press Points in the Result panel to see "

@@ -161,12 +161,11 @@ class _Morphing(Recomputing):
                 f"The morph goes without {', '.join(self._dropped)} of the source, which can't be "
                 "applied",
             )
-        if self._applied:
+        if self._applied and shapes[0] is not None:
             self.report(
                 {"INFO"},
                 f"The source was morphed as shown, with {', '.join(self._applied)} applied. To "
-                "keep them on the morph, choose the original, turn on Keep Modifiers and morph "
-                "again",
+                f"keep what was applied, {as_shown.how_to_keep(recipes.original_of(shapes[0]))}",
             )
         shown = morph_object.shown_of(obj)
         left = morphing_mesh.left_off(shapes[0]) if shapes[0] is not None else ()

@@ -9,6 +9,7 @@ from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
+    as_shown,
     blended_textures,
     lost_keys,
     morph_object,
@@ -62,6 +63,7 @@ class Recomputing(Computing):
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
+        self._lost += _posed_twice(context, obj)
         earlier = self._starts(plan) if start is None else (start,)
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 
@@ -100,6 +102,25 @@ class Recomputing(Computing):
         for warning in (*self._lost, *said):
             self.report({"WARNING"}, warning)
         return obj
+
+
+def _posed_twice(context, obj):
+    """What is wrong with a morph that is computed again while its rig poses it, in words: its
+    source is read at rest, and its target as it is posed."""
+    source, *_, target = recipes.shapes_of(obj)
+    mesh = morph_object.shown_of(obj)
+    if None in (source, target) or not mesh.pointmorph.keeps_faces:
+        return []
+    if not (as_shown.is_rigged(source) and as_shown.is_rigged(target)):
+        return []
+    if source.pointmorph.keep_modifiers or not as_shown.changed_by(context, source):
+        return []
+    if not as_shown.changed_by(context, target):
+        return []
+    return [
+        f'"{target.name}" was taken as it is posed now, and the armature of "{source.name}" poses '
+        "the morph once more: set both armatures to Rest Position and recompute"
+    ]
 
 
 class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):

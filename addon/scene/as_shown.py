@@ -113,6 +113,22 @@ def changed_by(context, obj):
     return names if rounds and _moved(context, obj, False, np.mean) > _ROUNDER else []
 
 
+def is_rigged(obj):
+    """Whether an armature can bend an object."""
+    by_parent = obj.parent is not None and obj.parent_type == "ARMATURE"
+    return by_parent or any(m.type == "ARMATURE" and m.show_viewport for m in obj.modifiers)
+
+
+def how_to_keep(obj):
+    """In words: what makes a morph of an object that keeps what its copy as shown has applied."""
+    if is_rigged(obj):  # with Keep Modifiers, the pose would be there twice
+        return (
+            f'set its armature to Rest Position, that of the target as well, choose "{obj.name}" '
+            "and morph again"
+        )
+    return f'choose "{obj.name}", turn on Keep Modifiers and morph again'
+
+
 def dropped_by(obj):
     """Names of modifiers that a copy can't have applied and goes without: particles, collisions."""
     return [modifier.name for modifier in obj.modifiers if modifier.type in _NOT_APPLIED]

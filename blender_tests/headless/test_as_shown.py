@@ -295,6 +295,57 @@ def test_modifiers_are_kept_on_request(mirrored, settings, capfd):
     assert "keeps Twice of the source: they change the target" in capfd.readouterr().out
 
 
+@pytest.mark.parametrize("what", ["pose", "key"])
+def test_how_to_keep_what_was_applied_is_said(settings, capfd, what):
+    """With Keep Modifiers, a pose would be there twice."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    put_on(source, what)
+    morph()
+    advice = ("turn on Keep Modifiers", "set its armature to Rest Position")[what == "pose"]
+    assert f"To keep what was applied, {advice}" in capfd.readouterr().out.replace(
+        'choose "Hill", ', ""
+    )
+    bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+    said = capfd.readouterr().out.replace('choose "Hill", ', "")
+    assert f'For keys on "Hill" itself, {advice}' in said
+
+
+def test_keys_on_the_mesh_of_a_text_are_not_promised_for_the_text(settings, capfd):
+    settings.show_as = "MESH"
+    pick(add_other("FONT"), add_mesh("Dune", *patch(9, bump=0.8)))
+    morph()
+    capfd.readouterr()
+    bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+    said = capfd.readouterr().out
+    assert 'Shape keys added to "Other as Shown"' in said
+    assert "For keys on" not in said
+
+
+def test_a_pose_that_would_be_there_twice_is_named(settings, capfd):
+    """A morph of two characters at rest, which its rig moves, computed again in a pose."""
+    settings.show_as = "MESH"
+    source, target = pair(14, 12)
+    for obj in (source, target):
+        add_armature(obj, (0, 0, 0))
+    shown = morph()
+    assert [m.type for m in shown.modifiers] == ["NODES", "ARMATURE"]
+    rigs = [obj for obj in bpy.context.scene.objects if obj.type == "ARMATURE"]
+    for posed in (rigs[:1], rigs):
+        for rig in posed:
+            rig.pose.bones["Bone"].location = (0, 0, 0.5)
+        bpy.context.view_layer.update()
+        capfd.readouterr()
+        select(shown)
+        bpy.ops.pointmorph.recompute()
+        assert ("Rest Position and recompute" in capfd.readouterr().out) == (posed == rigs)
+    for rig in rigs:
+        rig.data.pose_position = "REST"
+    bpy.context.view_layer.update()
+    bpy.ops.pointmorph.recompute()
+    assert "Rest Position" not in capfd.readouterr().out
+
+
 def test_a_morph_at_its_end_is_a_source(settings):
     settings.show_as = "MESH"
     pair(14, 12)
