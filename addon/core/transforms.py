@@ -37,6 +37,15 @@ def is_mirrored(matrix):
     return np.linalg.det(np.asarray(matrix, np.float64)[:3, :3]) < 0.0
 
 
+def keeps_angles(matrix):
+    """Whether a (4, 4) matrix only turns, moves and scales, by as much on every axis."""
+    linear = np.asarray(matrix, np.float64)[:3, :3]
+    square = linear.T @ linear
+    return not is_mirrored(matrix) and np.allclose(
+        square, square[0, 0] * np.eye(3), rtol=1e-5, atol=1e-5 * square[0, 0]
+    )
+
+
 def move_faces(matrix, triangles):
     """(F, 3) from (F, 3): triangles, or corners of them, in the order in which they show the same
     side once their points were taken through a (4, 4) matrix."""

@@ -16,6 +16,7 @@ from ..data.registration import Registration
 from ..scene import (
     as_shown,
     blended_textures,
+    joined,
     morph_builder,
     morph_object,
     morphing_mesh,
@@ -149,7 +150,7 @@ class _Morphing(Recomputing):
                     staleness.pick_instead(scene.pointmorph, copy, copy.pointmorph.shown_from)
                 as_shown.put_back(context, copy, old, before)
 
-    def _say_applied(self, obj, shapes):
+    def _say_applied(self, context, obj, shapes):
         """What became of the source's modifiers and shape keys, and of what is no mesh."""
         made = [recipes.original_of(shape) for shape in dict.fromkeys(shapes) if shape is not None]
         made = [f'"{shape.name}"' for shape in made if shape.type in MADE_TYPES]
@@ -167,6 +168,9 @@ class _Morphing(Recomputing):
                 f"The source was morphed as shown, with {', '.join(self._applied)} applied. To "
                 f"keep what was applied, {as_shown.how_to_keep(recipes.original_of(shapes[0]))}",
             )
+        for shape in dict.fromkeys(shapes):
+            if words := shape and joined.left_behind(context, recipes.original_of(shape), shapes):
+                self.report({"INFO"}, words)
         shown = morph_object.shown_of(obj)
         left = morphing_mesh.left_off(shapes[0]) if shapes[0] is not None else ()
         kept = [name for name in self._kept if name not in left]
@@ -262,7 +266,7 @@ class _Morphing(Recomputing):
         again = self._made is not None
         with presentation.or_as_before(context, obj, not again):
             present(self, context, obj, outcome, again)
-            self._say_applied(obj, recipes.shapes_of(obj))
+            self._say_applied(context, obj, recipes.shapes_of(obj))
         for reference, mesh, *_ in self._renewed:
             old = find(bpy.data.meshes, mesh)
             if old is not None and not old.users:

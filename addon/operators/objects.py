@@ -5,8 +5,8 @@ import pointmorph
 
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
-from ..scene import as_shown
-from .polls import Explained, fail, pick_selected, select_reason
+from ..scene import as_shown, joined
+from .polls import Explained, activate, fail, pick_selected, select_reason
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
@@ -76,8 +76,41 @@ class POINTMORPH_OT_use_as_shown(Explained, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_join_copies(Explained, bpy.types.Operator):
+    """Make one mesh of what the selected objects show, with all that is parented to them, to morph
+    a model of several objects as a whole. The objects are hidden and stay unchanged"""
+
+    bl_idname = "pointmorph.join_copies"
+    bl_label = "Join Copies"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        if context.mode != "OBJECT":
+            return "Switch to Object Mode first"
+        if not context.selected_objects:
+            return "Select the objects of a model first, or the one that they are parented to"
+        return None
+
+    def execute(self, context):
+        chosen = sorted(context.selected_objects, key=lambda obj: obj.name)
+        active = context.view_layer.objects.active
+        try:
+            copy, count = joined.join(context, chosen, active if active in chosen else chosen[0])
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        activate(context.view_layer.objects, copy)
+        self.report(
+            {"INFO"},
+            f'"{copy.name}" shows {count} objects, which are hidden: '
+            f"{len(copy.data.vertices):,} vertices",
+        )
+        return {"FINISHED"}
+
+
 registration = Registration(
     classes=(
+        POINTMORPH_OT_join_copies,
         POINTMORPH_OT_pick_selected,
         POINTMORPH_OT_swap_objects,
         POINTMORPH_OT_use_as_shown,

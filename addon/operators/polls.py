@@ -9,6 +9,7 @@ from ..data import chains
 from ..data.arrays import MORPHED_TYPES, type_name
 from ..scene import (
     blended_textures,
+    joined,
     left_copies,
     morph_object,
     object_looks,
@@ -113,13 +114,34 @@ def select_reason(context):
     for obj in sorted(context.selected_objects, key=lambda obj: obj.name):
         if obj.type == "EMPTY" and obj.instance_type == "COLLECTION":
             return (
-                f'"{obj.name}" can\'t be morphed: it shows a collection. Make its objects real '
-                "(Object > Apply > Make Instances Real)"
+                f'"{obj.name}" can\'t be morphed: it shows a collection. Make a mesh of that (Join '
+                "Copies, with it alone selected), or make its objects real (Object > Apply > Make "
+                "Instances Real)"
+            )
+        if joined.is_of_parts(obj):
+            return (
+                f'"{obj.name}" can\'t be morphed: it has no surface itself ({type_name(obj)}). '
+                "Make a mesh of what is parented to it: Join Copies, with it alone selected"
             )
         if obj.type not in MORPHED_TYPES:
             kind = type_name(obj)
             return f'"{obj.name}" can\'t be morphed: it has no surface ({kind})'
     return SELECT
+
+
+_FEW = 5000
+"""Objects of a scene that panels, which ask at every redraw, can look through."""
+
+
+def are_parts(context):
+    """Whether the selected objects may be parts of one model, or what these are parented to."""
+    selected = context.selected_objects
+    if len(selected) > 2 or any(obj.type in {"ARMATURE", "EMPTY"} for obj in selected):
+        return True
+    if any(obj.parent in selected for obj in selected):
+        return True
+    objects = context.scene.objects
+    return len(objects) <= _FEW and any(obj.parent in selected for obj in objects)
 
 
 def pick_selected(context):
@@ -156,7 +178,10 @@ def morph_reason(context):
         if obj == after:
             return f'"{obj.name}" comes twice in a row: remove one of the two'
     if len(shapes) > chains.LONGEST:
-        return f"A chain can have {chains.LONGEST} shapes at most, but there are {len(shapes)}"
+        return (
+            f"A chain can have {chains.LONGEST} shapes at most, but there are {len(shapes)}. If "
+            "they are parts of a model, select those alone and make one mesh of them (Join Copies)"
+        )
     return None
 
 

@@ -224,11 +224,11 @@ def copy_as_shown(context, obj, hides=True):
         copy.pointmorph.shown_from = obj
         if obj.type == "MESH":
             _keep_points(obj, copy)
-        _link(context, obj, copy)
+        link_beside(context, obj, copy)
         _put_at(context, obj, copy)
         note_form(copy)
     if hides:
-        _hide(context, obj)
+        hide(context, obj)
     return copy
 
 
@@ -249,7 +249,7 @@ def renew(context, copy):
         except BaseException:
             copy.data = before
             raise
-    _hide(context, obj)
+    hide(context, obj)
     return before
 
 
@@ -324,7 +324,7 @@ def _advice(obj):
     return "Choose another object."
 
 
-def _link(context, obj, copy):
+def link_beside(context, obj, copy):
     """Puts a copy into the collections of its original that are in this view layer."""
     in_layer = [context.view_layer.layer_collection]
     for layer in in_layer:
@@ -350,7 +350,7 @@ def _put_at(context, obj, copy):
         context.view_layer.update()
 
 
-def _hide(context, obj):
+def hide(context, obj):
     obj.hide_set(True, view_layer=context.view_layer)
     if obj.is_editable:
         obj.hide_render = True

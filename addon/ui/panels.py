@@ -61,6 +61,8 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
         row.operator("pointmorph.pick_selected")
         row.operator("pointmorph.swap_objects", text="", icon="ARROW_LEFTRIGHT")
         row.operator("pointmorph.add_to_chain", text="", icon="ADD")
+        if polls.are_parts(context):
+            column.operator("pointmorph.join_copies")
         if made_object(context) is None and presentation.hidden_shapes(context):
             column.operator("pointmorph.show_shapes", text="Show Originals", icon="HIDE_ON")
         reason = polls.morph_reason(context)

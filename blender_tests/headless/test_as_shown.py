@@ -516,7 +516,7 @@ def test_an_object_that_cannot_be_morphed_is_named(settings, addon):
     bpy.ops.object.collection_instance_add(collection=bpy.data.collections.new("Set").name)
     bpy.data.objects["Dune"].select_set(True)
     reason = addon("operators.polls").morph_reason(bpy.context)
-    assert reason.endswith("Make its objects real (Object > Apply > Make Instances Real)")
+    assert reason.endswith("make its objects real (Object > Apply > Make Instances Real)")
     bpy.data.objects.remove(bpy.context.object)
     for obj in bpy.context.scene.objects:
         obj.select_set(obj.name != "Camera")

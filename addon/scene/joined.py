@@ -1,0 +1,186 @@
+"""One mesh of what several objects show, so that a model of many parts morphs as a whole."""
+
+import bpy
+import numpy as np
+import pointmorph
+from mathutils import Matrix
+
+from ..core import transforms
+from ..data import arrays, creation
+from . import as_shown, object_looks
+
+_TYPES = ("MESH", *arrays.MADE_TYPES)
+_NORMALS = "pointmorph_normals"  # of a mesh, while its faces are turned
+
+
+def is_of_parts(obj):
+    """Whether an object has no surface itself, but may stand for objects that have."""
+    if obj.type == "EMPTY" and obj.instance_type == "COLLECTION":
+        return True
+    return obj.type in {"ARMATURE", "EMPTY"} and bool(obj.children)
+
+
+def left_behind(context, obj, shapes):
+    """In words, what is seen with an object and isn't morphed with it: objects with a surface that
+    are parented to it, but to those `shapes` that are morphed; None where there are none."""
+    parts = [
+        one
+        for one in context.view_layer.objects
+        if one.parent == obj and one.type in _TYPES and one not in shapes and not one.hide_get()
+    ]
+    parts = [one for one in parts if not one.pointmorph.keeps_faces]
+    if not parts:
+        return None
+    which = f'"{parts[0].name}"' if len(parts) == 1 else f"{len(parts)} objects"
+    return (
+        f'{which} parented to "{obj.name}" didn\'t morph with it. To morph all of it, undo, select '
+        f'"{obj.name}", click Join Copies and morph the mesh that this makes'
+    )
+
+
+def join(context, chosen, lead):
+    """A mesh of what the viewport shows of objects, of all that is parented to them or bent by
+    them, and of the collections that they show; in the place of one of them, the `lead`. Those that
+    are in it are hidden.
+
+    Returns
+    -------
+    Object
+    int
+        Of how many parts it is made.
+
+    Raises
+    ------
+    CloudError
+        When they show no faces, or only those of a single mesh.
+    """
+    family = _family(context, chosen)
+    with creation.all_or_nothing() as created:
+        found = _read(context, family, created)
+        owners = list(dict.fromkeys(owner for _, owner in found))
+        if not found or (len(found) == 1 and owners == list(chosen)):
+            raise pointmorph.CloudError(
+                lead.name,
+                "several objects with faces",
+                "one" if found else "none",
+                "Select the others as well, or the object that they are parented to.",
+            )
+        meshes = [mesh for mesh, _ in found]
+        _share_uv_map(meshes)
+        for mesh in meshes:
+            if not mesh.materials and any(other.materials for other in meshes):
+                mesh.materials.append(None)  # else it would get the first one of another
+        origin = lead.matrix_world.translation.copy()
+        for mesh in meshes:
+            mesh.transform(Matrix.Translation(-origin))
+        parts = [bpy.data.objects.new(f"{lead.name} Joined", mesh) for mesh in meshes]
+        for part in parts:
+            created(part)
+            context.scene.collection.objects.link(part)
+    joined = _joined(context, parts)
+    for mesh in meshes[1:]:
+        bpy.data.meshes.remove(mesh)
+    joined.name = joined.data.name = f"{lead.name} Joined"
+    joined.location = origin
+    context.scene.collection.objects.unlink(joined)
+    as_shown.link_beside(context, lead, joined)
+    for owner in owners:
+        as_shown.hide(context, owner)
+    return joined, len(found)
+
+
+def _family(context, chosen):
+    """Objects, and all that is parented to them or bent by one of them."""
+    known, found = set(chosen), set(chosen)
+    for one in context.view_layer.objects:
+        bent_by = {m.object for m in one.modifiers if m.type in {"ARMATURE", "LATTICE"}}
+        above = one.parent
+        while above is not None and above not in known:
+            above = above.parent
+        if one not in known and (above is not None or bent_by & set(chosen)):
+            found.add(one)
+    return found
+
+
+def _read(context, family, created):
+    """What the viewport shows of these objects, as meshes in the world, each with the
+    object that shows it."""
+    depsgraph = context.evaluated_depsgraph_get()
+    found = []
+    for obj, matrix, owner in _shown(depsgraph, family):  # before there are new ones
+        mesh = bpy.data.meshes.new_from_object(
+            obj.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+        )
+        created(mesh)
+        if len(mesh.polygons):
+            _take_materials(mesh, obj)
+            _move(mesh, matrix)
+            found.append((mesh, owner))
+    return found
+
+
+def _shown(depsgraph, family):
+    """Objects that have a surface, where they are seen, and which of a family shows each."""
+    found = []
+    for shown in depsgraph.object_instances:
+        obj = shown.object.original
+        owner = shown.parent.original if shown.is_instance else obj
+        if owner not in family or shown.object.type not in _TYPES:
+            continue
+        if obj.evaluated_get(depsgraph) == shown.object:
+            if shown.is_instance or shown.show_self:
+                found.append((obj, shown.matrix_world.copy(), owner))
+        elif owner.type == "MESH":  # else it is the surface of a curve or text itself
+            raise pointmorph.CloudError(
+                owner.name,
+                "a mesh in the viewport",
+                "instances",
+                'Add the node "Realize Instances" at the end of its Geometry Nodes.',
+            )
+    return found
+
+
+def _take_materials(mesh, obj):
+    """Materials that an object has in place of those of its data."""
+    for index, slot in enumerate(obj.material_slots):
+        if slot.link == "OBJECT" and index < len(mesh.materials):
+            mesh.materials[index] = slot.material
+
+
+def _move(mesh, matrix):
+    """Takes a mesh through a matrix; faces show the same side, with the same shading."""
+    matrix_array = np.array(matrix)
+    shades = mesh.has_custom_normals and not transforms.keeps_angles(matrix_array)
+    if shades:  # Blender would bend them
+        normals = transforms.move_normals(matrix_array, arrays.corner_normals(mesh))
+        arrays.write_attribute(mesh, _NORMALS, normals, "CORNER")
+    corners = arrays.mesh_corners(mesh)
+    mesh.transform(matrix)
+    if transforms.is_mirrored(matrix) and np.array_equal(arrays.mesh_corners(mesh), corners):
+        mesh.flip_normals()
+    if shades:
+        normals = arrays.read_vectors(mesh, _NORMALS)
+        mesh.attributes.remove(mesh.attributes[_NORMALS])
+        mesh.normals_split_custom_set(normals.tolist())
+
+
+def _share_uv_map(meshes):
+    """Gives the UV map that is rendered one name on all meshes: joined, they have one that is."""
+    layers = [object_looks.render_layer(mesh) for mesh in meshes]
+    names = [layer.name for layer in layers if layer is not None]
+    for mesh, layer in zip(meshes, layers, strict=True):
+        if layer is not None and names[0] not in mesh.uv_layers:
+            arrays.write_uvs(mesh, names[0], arrays.corner_uvs(layer))
+        if layer is not None and names[0] in mesh.uv_layers:
+            mesh.uv_layers[names[0]].active_render = True
+            mesh.uv_layers.active = mesh.uv_layers[names[0]]
+
+
+def _joined(context, parts):
+    """The first of some meshes, with all others in it, which are gone."""
+    if len(parts) > 1:
+        with context.temp_override(
+            active_object=parts[0], object=parts[0], selected_editable_objects=parts
+        ):
+            bpy.ops.object.join()
+    return parts[0]

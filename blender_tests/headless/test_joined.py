@@ -1,0 +1,255 @@
+"""Models of several objects: a mesh is made of them, and morphs as a whole."""
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from panel_drawing import Layout, drawing_context
+from scenes import add_mesh, coordinates, data_blocks, error_of, morph, patch
+from test_as_shown import add_armature, show_by_nodes
+
+
+def add_part(name, parent, matrix=None, material=None, uv_map=None):
+    """A smooth sheet, parented to something, with a material and a UV map that tells its parts."""
+    part = add_mesh(name, *patch(5))
+    part.data.shade_smooth()
+    part.parent = parent
+    part.matrix_world = matrix or Matrix()
+    if material is not None:
+        part.data.materials.append(bpy.data.materials.new(material))
+    if uv_map is not None:
+        layer = part.data.uv_layers.new(name=uv_map)
+        for corner, uv in enumerate(layer.uv):
+            uv.vector = (corner / 100, len(bpy.data.meshes) / 100)
+    return part
+
+
+def add_empty(name="Model", place=(1, 2, 3)):
+    empty = bpy.data.objects.new(name, None)
+    bpy.context.scene.collection.objects.link(empty)
+    empty.location = place
+    bpy.context.view_layer.update()
+    return empty
+
+
+def select(*objects):
+    bpy.context.view_layer.update()
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj in objects)
+    bpy.context.view_layer.objects.active = objects[-1] if objects else None
+
+
+def join(*objects):
+    select(*objects)
+    assert bpy.ops.pointmorph.join_copies() == {"FINISHED"}
+    return bpy.context.view_layer.objects.active
+
+
+def shown_vertices(obj):
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    matrix = np.array(obj.matrix_world)
+    return coordinates(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def shown_normals(obj):
+    """At the corners of faces, in the world, from the faces with the least rows of vertices."""
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    into = np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
+    found = {}
+    for loop, normal in zip(mesh.loops, mesh.corner_normals, strict=True):
+        found.setdefault(loop.vertex_index, []).append(np.array(normal.vector) @ into)
+    means = np.array([np.mean(found[row], axis=0) for row in range(len(mesh.vertices))])
+    return means / np.linalg.norm(means, axis=1, keepdims=True)
+
+
+PLACES = {
+    "turned": Matrix.Translation((4, 0, 0)) @ Matrix.Rotation(0.7, 4, "X"),
+    "mirrored": Matrix.Translation((0, 5, 0)) @ Matrix.Diagonal((-1, 1, 1, 1)),
+    "stretched": Matrix.Translation((0, 0, 6)) @ Matrix.Diagonal((1, 3, 0.4, 1)),
+}
+
+
+def test_a_mesh_shows_what_the_parts_of_a_model_show():
+    root = add_empty()
+    parts = [add_part(name, root, matrix, name, name) for name, matrix in PLACES.items()]
+    for part in parts:
+        normals = np.array([(0.3, 0.4, 0.866)] * len(part.data.loops))
+        part.data.normals_split_custom_set(normals.tolist())
+    plain = add_part("plain", root)
+    hidden = add_part("hidden", root)
+    hidden.hide_set(True)
+    bpy.context.view_layer.update()
+    before = {one.name: [*map(tuple, one.matrix_world)] for one in [*parts, plain]}
+    counts = data_blocks()
+    joined = join(root)
+
+    assert joined.name == joined.data.name == "Model Joined"
+    assert tuple(joined.location) == (1, 2, 3)
+    assert joined.select_get()
+    assert {one.partition(": ")[2] for one in data_blocks() - counts} == {"Model Joined"}
+    for one in (*parts, plain):
+        assert one.hide_get()
+        assert one.hide_render
+        assert [*map(tuple, one.matrix_world)] == before[one.name]
+    assert not root.hide_get()
+    assert not hidden.hide_render
+    assert len(joined.data.vertices) == 4 * 25
+
+    # Parts come in any order: a place tells which is which.
+    places, normals = shown_vertices(joined), shown_normals(joined)
+    for part in (*parts, plain):
+        own = shown_vertices(part)
+        rows = [int(np.argmin(np.linalg.norm(places - place, axis=1))) for place in own]
+        np.testing.assert_allclose(places[rows], own, atol=1e-5)
+        np.testing.assert_allclose(normals[rows], shown_normals(part), atol=2e-3)
+        faces = [p for p in joined.data.polygons if set(p.vertices) <= set(rows)]
+        assert len(faces) == 16
+        materials = {joined.material_slots[face.material_index].material for face in faces}
+        assert materials == {next(iter(part.data.materials), None)}
+        if part != plain:
+            # What is rendered is one map for all; a material that names its own finds that.
+            shown = next(m for m in joined.data.uv_layers if m.active_render)
+            for layer in (shown, joined.data.uv_layers[part.name]):
+                v = {round(layer.uv[i].vector.y, 5) for f in faces for i in f.loop_indices}
+                assert v == {round(part.data.uv_layers[0].uv[0].vector.y, 5)}
+    outward = [
+        np.dot(p.normal, joined.data.corner_normals[p.loop_start].vector)
+        for p in joined.data.polygons
+    ]
+    assert min(outward) > 0
+
+
+def test_a_rig_stands_for_what_it_bends(settings):
+    bent, loose = add_part("Bent", None), add_part("Loose", None)
+    add_armature(bent, (0, 0, 0.5))
+    rig = bpy.data.objects["Rig"]
+    add_part("Held", rig, Matrix.Translation((3, 0, 0)))
+    bpy.context.view_layer.update()
+    places = shown_vertices(bent)
+    joined = join(rig)
+    assert len(joined.data.vertices) == 50
+    assert not loose.hide_get()
+    assert not joined.modifiers
+    assert [group.name for group in joined.vertex_groups] == ["Bone"]
+    found = shown_vertices(joined)
+    near = [np.linalg.norm(found - place, axis=1).min() for place in places]
+    assert max(near) < 1e-5
+
+
+def test_a_collection_that_is_shown_is_joined():
+    shown = bpy.data.collections.new("Set")
+    for x in (0, 3):
+        part = add_part(f"Part {x}", None, Matrix.Translation((x, 0, 0)))
+        bpy.context.scene.collection.objects.unlink(part)
+        shown.objects.link(part)
+    empty = add_empty("Shows", (0, 7, 0))
+    empty.instance_type, empty.instance_collection = "COLLECTION", shown
+    bpy.context.view_layer.update()
+    joined = join(empty)
+    assert empty.hide_get()
+    low, high = shown_vertices(joined).min(axis=0), shown_vertices(joined).max(axis=0)
+    np.testing.assert_allclose((low[:2], high[:2]), ((-1, 6), (4, 8)), atol=1e-5)
+
+
+def test_curves_and_texts_are_joined():
+    bpy.ops.object.text_add()
+    text = bpy.context.object
+    add_part("Sheet", text, Matrix.Translation((0, 0, 4)))
+    bpy.context.view_layer.update()
+    joined = join(text)
+    assert joined.name == "Text Joined"
+    assert len(joined.data.vertices) > 25
+    assert np.ptp(shown_vertices(joined)[:, 2]) > 3
+
+
+def test_two_models_morph_as_wholes(settings):
+    settings.show_as = "MESH"
+    settings.domain = "auto"
+    models = []
+    for name in ("One", "Other"):
+        root = add_empty(name, (0, 0, 0))
+        for x in (0, 4):
+            add_part(f"{name} {x}", root, Matrix.Translation((x, 0, 0)))
+        bpy.context.view_layer.update()
+        models.append(join(root))
+    places = shown_vertices(models[0])
+    select(*models)
+    shown = morph()
+    assert shown.name == "One Joined to Other Joined"
+    np.testing.assert_array_equal(shown_vertices(shown), places)
+
+
+def test_what_cannot_be_joined_is_said():
+    empty = add_empty()
+    select(empty)
+    assert "expected several objects with faces, found none" in error_of(
+        bpy.ops.pointmorph.join_copies
+    )
+    part = add_part("Part", None)
+    select(part)
+    said = error_of(bpy.ops.pointmorph.join_copies)
+    assert "found one. Select the others as well, or the object that they are parented to" in said
+    other = add_part("Other", part)
+    other.data.clear_geometry()
+    assert "found one" in error_of(bpy.ops.pointmorph.join_copies)
+    show_by_nodes(part, "GeometryNodeInstanceOnPoints")
+    bpy.context.view_layer.update()
+    assert not part.hide_get()
+    select()
+    assert "Select the objects of a model first" in error_of(bpy.ops.pointmorph.join_copies)
+
+
+def test_instances_of_faces_that_nodes_make_are_not_left_out_in_silence():
+    part, other = add_part("Part", None), add_part("Other", None)
+    show_by_nodes(part, "GeometryNodeInstanceOnPoints")
+    group = part.modifiers[0].node_group
+    instances = next(n for n in group.nodes if n.bl_idname == "GeometryNodeInstanceOnPoints")
+    cone = group.nodes.new("GeometryNodeMeshCone")
+    group.links.new(cone.outputs[0], instances.inputs["Instance"])
+    bpy.context.view_layer.update()
+    select(part, other)
+    said = error_of(bpy.ops.pointmorph.join_copies)
+    assert 'Add the node "Realize Instances"' in said
+
+
+def test_those_who_select_a_whole_model_are_told(addon, settings, capfd):
+    polls = addon("operators.polls")
+    root = add_empty()
+    parts = [add_part(f"Part {number}", root) for number in range(12)]
+    other = add_part("Other", None)
+    select(root, other)
+    assert "Make a mesh of what is parented to it: Join Copies" in polls.morph_reason(bpy.context)
+    select(*parts)
+    assert "make one mesh of them (Join Copies)" in polls.morph_reason(bpy.context)
+    parts[1].parent = parts[0]
+    bpy.context.view_layer.update()
+    settings.domain = "disk"
+    select(parts[0], other)
+    morph()
+    said = capfd.readouterr().out
+    assert '"Part 1" parented to "Part 0" didn\'t morph with it' in said
+    select(parts[0], parts[1])
+
+
+@pytest.mark.parametrize(
+    ("selected", "offered"),
+    [("root", True), ("parent", True), ("both", True), ("three", True), ("two", False)],
+)
+def test_the_panel_offers_to_join_what_may_be_parts(addon, selected, offered):
+    root = add_empty()
+    lid = add_part("Lid", add_part("Chest", root))
+    loose = [add_part(name, None) for name in "ABC"]
+    objects = {
+        "root": [root],
+        "parent": [lid.parent],
+        "both": [lid.parent, lid],
+        "three": loose,
+        "two": loose[:2],
+    }
+    select(*objects[selected])
+    layout = Layout()
+    panel = addon("ui.panels").POINTMORPH_PT_morph
+    panel._draw_shapes(SimpleNamespace(_draw_between=None), layout, drawing_context())
+    assert ("join_copies" in layout.drawn) == offered
