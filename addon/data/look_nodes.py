@@ -35,6 +35,12 @@ def drivers_of(material):
     return [t.id for c in curves for v in c.driver.variables for t in v.targets]
 
 
+def takes_uv_map(material, name):
+    """Whether a node of a material names a UV map, outside of groups."""
+    found = material.node_tree.nodes if has_nodes(material) else ()
+    return any(getattr(node, "uv_map", "") == name for node in found)
+
+
 def image_of(material, what):
     """The image of the second look that shows `what`; None without one."""
     node = material.node_tree.nodes.get(f"{_PREFIX}{what}")

@@ -117,7 +117,8 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
             presentation.set_visible(context, changed, True)
             said += ", a copy with modifiers applied"
             if original.type == "MESH":
-                said += f'. For keys on "{original.name}" itself, {as_shown.how_to_keep(original)}'
+                how = as_shown.how_to_keep(original, "it")
+                said += f'. For keys on "{original.name}" itself, {how}'
         elif changed.hide_get():
             said += (
                 ". It is hidden while the mesh is shown: press Points in the Result panel to see "

@@ -163,10 +163,12 @@ class _Morphing(Recomputing):
                 "applied",
             )
         if self._applied and shapes[0] is not None:
+            original = recipes.original_of(shapes[0])
+            how = as_shown.how_to_keep(original, f'"{original.name}"')
             self.report(
                 {"INFO"},
                 f"The source was morphed as shown, with {', '.join(self._applied)} applied. To "
-                f"keep what was applied, {as_shown.how_to_keep(recipes.original_of(shapes[0]))}",
+                f"keep what was applied, {how}",
             )
         for shape in dict.fromkeys(shapes):
             if words := shape and joined.left_behind(context, recipes.original_of(shape), shapes):

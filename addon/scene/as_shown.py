@@ -119,14 +119,15 @@ def is_rigged(obj):
     return by_parent or any(m.type == "ARMATURE" and m.show_viewport for m in obj.modifiers)
 
 
-def how_to_keep(obj):
-    """In words: what makes a morph of an object that keeps what its copy as shown has applied."""
+def how_to_keep(obj, called):
+    """In words: what makes a morph of an object, which is `called` something, that keeps what its
+    copy as shown has applied."""
     if is_rigged(obj):  # with Keep Modifiers, the pose would be there twice
         return (
-            f'set its armature to Rest Position, that of the target as well, choose "{obj.name}" '
-            "and morph again"
+            f"set its armature to Rest Position, that of the target as well, choose {called} as "
+            "the source and morph again"
         )
-    return f'choose "{obj.name}", turn on Keep Modifiers and morph again'
+    return f"choose {called} as the source, turn on Keep Modifiers and morph again"
 
 
 def dropped_by(obj):

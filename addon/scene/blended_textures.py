@@ -184,6 +184,7 @@ def unblend(obj):
     for material in _mixed_materials(obj):
         _unmix(material)
     _remove_unused(before)
+    _remove_layout(obj)
     recipes.note(obj, "textures", None)
     obj.update_tag()
 
@@ -227,6 +228,17 @@ def _write_layout(obj, uvs):
     if before is not None:
         mesh.uv_layers[before].active_render = True
     return name
+
+
+def _remove_layout(obj):
+    """Removes the UV map of the images' own, unless the source has one of this name or a material
+    takes it."""
+    source, layer = obj.pointmorph.source, obj.data.uv_layers.get(UV_NAME)
+    if layer is None or source is None or UV_NAME in source.data.uv_layers:
+        return
+    materials = [slot.material for slot in obj.material_slots if slot.material is not None]
+    if not any(look_nodes.takes_uv_map(material, UV_NAME) for material in materials):
+        obj.data.uv_layers.remove(layer)
 
 
 def _write_images(obj, drawn, created):

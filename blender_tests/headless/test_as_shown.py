@@ -303,11 +303,10 @@ def test_how_to_keep_what_was_applied_is_said(settings, capfd, what):
     put_on(source, what)
     morph()
     advice = ("turn on Keep Modifiers", "set its armature to Rest Position")[what == "pose"]
-    assert f"To keep what was applied, {advice}" in capfd.readouterr().out.replace(
-        'choose "Hill", ', ""
-    )
+    said = capfd.readouterr().out.replace('choose "Hill" as the source, ', "")
+    assert f"To keep what was applied, {advice}" in said
     bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
-    said = capfd.readouterr().out.replace('choose "Hill", ', "")
+    said = capfd.readouterr().out.replace("choose it as the source, ", "")
     assert f'For keys on "Hill" itself, {advice}' in said
 
 

@@ -18,6 +18,7 @@ OPERATORS = (
     "blend_textures",
     "explain",
     "follow",
+    "join_copies",
     "keep_textures",
     "make_mesh",
     "morph_chain",

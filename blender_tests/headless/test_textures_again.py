@@ -197,6 +197,24 @@ def test_the_source_s_own_look_comes_back(textured):
     assert "Pointmorph Mix 0" in nodes
 
 
+@pytest.mark.parametrize("kept", [None, "source", "material"])
+def test_the_images_own_layout_goes_with_them(textured, kept):
+    """Exporters would split all corners for it."""
+    source, _ = textured
+    source.data.uv_layers.remove(source.data.uv_layers[0])
+    if kept == "source":
+        source.data.uv_layers.new(name="Pointmorph")
+    obj = morph()
+    assert "Pointmorph" in obj.data.uv_layers
+    if kept == "material":
+        node = obj.material_slots[0].material.node_tree.nodes.new("ShaderNodeUVMap")
+        node.uv_map = "Pointmorph"
+    assert bpy.ops.pointmorph.keep_textures() == {"FINISHED"}
+    assert ("Pointmorph" in obj.data.uv_layers) == (kept is not None)
+    assert bpy.ops.pointmorph.blend_textures(size="256") == {"FINISHED"}
+    assert "Pointmorph" in obj.data.uv_layers
+
+
 def test_undo_takes_it_back(textured):
     bpy.ops.ed.undo_push(message="before")
     name = morph().name
