@@ -6,7 +6,8 @@ import pointmorph
 from ..core.transfer_words import listed
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import collection_keys, morph_object
+from ..scene import as_shown, collection_keys, morph_object
+from ..scene.shape_reader import update
 from .modal_operator import Computing
 from .polls import Explained, busy_reason
 
@@ -93,6 +94,9 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
                 "none" if collection is None else "no mesh in it",
                 "Choose another collection.",
             )
+        update(context, template, *targets)
+        words = (as_shown.posed_twice(context, template, target) for target in targets)
+        self._posed = next(filter(None, words), None)
         wanted = collection_keys.Wanted(self.in_place, self.keys, self.weights)
         return (yield from collection_keys.read_steps(context, template, targets, wanted))
 
@@ -111,6 +115,8 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
             self.report(
                 {"WARNING"}, f'Left out the shape keys and vertex groups of "{name}". {error}'
             )
+        if self._posed is not None:
+            self.report({"WARNING"}, f"{self._posed}, and do this again")
         self.report({"INFO"}, f'Shape keys added to "{template.name}": {len(given.targets)}')
         if self.keys or self.weights:
             self.report({"INFO"}, _words_of_own(given))

@@ -111,17 +111,18 @@ def select_reason(context):
     """Why the selected objects can't be morphed; None where they can."""
     if selected_shapes(context):
         return None
-    for obj in sorted(context.selected_objects, key=lambda obj: obj.name):
+    selected = sorted(context.selected_objects, key=lambda obj: obj.name)
+    how = "Join Copies" if len(selected) == 1 else "Join Copies, with it alone selected,"
+    for obj in selected:
         if obj.type == "EMPTY" and obj.instance_type == "COLLECTION":
             return (
-                f'"{obj.name}" can\'t be morphed: it shows a collection. Make a mesh of that (Join '
-                "Copies, with it alone selected), or make its objects real (Object > Apply > Make "
-                "Instances Real)"
+                f'"{obj.name}" can\'t be morphed: it shows a collection. {how} makes a mesh of '
+                "that; or make its objects real (Object > Apply > Make Instances Real)"
             )
         if joined.is_of_parts(obj):
             return (
                 f'"{obj.name}" can\'t be morphed: it has no surface itself ({type_name(obj)}). '
-                "Make a mesh of what is parented to it: Join Copies, with it alone selected"
+                f"{how} makes a mesh of what is parented to it"
             )
         if obj.type not in MORPHED_TYPES:
             kind = type_name(obj)

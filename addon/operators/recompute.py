@@ -105,22 +105,14 @@ class Recomputing(Computing):
 
 
 def _posed_twice(context, obj):
-    """What is wrong with a morph that is computed again while its rig poses it, in words: its
-    source is read at rest, and its target as it is posed."""
+    """What is wrong with a morph that is computed again in a pose, in words."""
     source, *_, target = recipes.shapes_of(obj)
-    mesh = morph_object.shown_of(obj)
-    if None in (source, target) or not mesh.pointmorph.keeps_faces:
+    if None in (source, target) or not morph_object.shown_of(obj).pointmorph.keeps_faces:
         return []
-    if not (as_shown.is_rigged(source) and as_shown.is_rigged(target)):
+    if source.pointmorph.keep_modifiers:  # Morph said so
         return []
-    if source.pointmorph.keep_modifiers or not as_shown.changed_by(context, source):
-        return []
-    if not as_shown.changed_by(context, target):
-        return []
-    return [
-        f'"{target.name}" was taken as it is posed now, and the armature of "{source.name}" poses '
-        "the morph once more: set both armatures to Rest Position and recompute"
-    ]
+    words = as_shown.posed_twice(context, source, target)
+    return [] if words is None else [f"{words}, and recompute"]
 
 
 class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):

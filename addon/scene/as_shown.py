@@ -130,6 +130,19 @@ def how_to_keep(obj, called):
     return f"choose {called} as the source, turn on Keep Modifiers and morph again"
 
 
+def posed_twice(context, source, target):
+    """In words, that two characters are posed, the first of which is read at rest because its
+    armature goes on bending it; None where they aren't. The scene must be up to date."""
+    if not (is_rigged(source) and is_rigged(target)):
+        return None
+    if not (changed_by(context, source) and changed_by(context, target)):
+        return None
+    return (
+        f'"{target.name}" was taken as it is posed now, and the armature of "{source.name}" poses '
+        "it once more: set both armatures to Rest Position"
+    )
+
+
 def dropped_by(obj):
     """Names of modifiers that a copy can't have applied and goes without: particles, collisions."""
     return [modifier.name for modifier in obj.modifiers if modifier.type in _NOT_APPLIED]

@@ -337,7 +337,7 @@ def test_a_pose_that_would_be_there_twice_is_named(settings, capfd):
         capfd.readouterr()
         select(shown)
         bpy.ops.pointmorph.recompute()
-        assert ("Rest Position and recompute" in capfd.readouterr().out) == (posed == rigs)
+        assert ("Rest Position, and recompute" in capfd.readouterr().out) == (posed == rigs)
     for rig in rigs:
         rig.data.pose_position = "REST"
     bpy.context.view_layer.update()

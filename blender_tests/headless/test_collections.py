@@ -17,6 +17,7 @@ from scenes import (
     pick,
     select,
 )
+from test_as_shown import add_armature
 
 
 def bake(**options):
@@ -151,6 +152,20 @@ def test_the_meshes_own_keys_and_weights_come_along(template):
     assert keys(template)["Dune.Up"].value == 0.25
     assert not np.allclose(key(template, "Ridge.Up"), before, atol=0.01)
     assert template.vertex_groups.keys()[-2:] == ["Ridge.half", "Ridge.half.001"]
+
+
+def test_a_pose_that_would_be_there_twice_is_named(template, capfd):
+    """Keys go on a mesh that its armature bends after them."""
+    for obj in (template, bpy.data.objects["Dune"]):
+        add_armature(obj, (0, 0, 0.5))
+    select(template)
+    assert bake() == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert '"Dune" was taken as it is posed now, and the armature of "Base" poses it once' in said
+    for rig in bpy.data.armatures:
+        rig.pose_position = "REST"
+    assert bake() == {"FINISHED"}
+    assert "Rest Position" not in capfd.readouterr().out
 
 
 def test_names_that_would_be_the_same_are_made_apart(template):

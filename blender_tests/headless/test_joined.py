@@ -219,8 +219,11 @@ def test_those_who_select_a_whole_model_are_told(addon, settings, capfd):
     root = add_empty()
     parts = [add_part(f"Part {number}", root) for number in range(12)]
     other = add_part("Other", None)
+    parented = " makes a mesh of what is parented to it"
+    select(root)
+    assert f". Join Copies{parented}" in polls.morph_reason(bpy.context)
     select(root, other)
-    assert "Make a mesh of what is parented to it: Join Copies" in polls.morph_reason(bpy.context)
+    assert f"with it alone selected,{parented}" in polls.morph_reason(bpy.context)
     select(*parts)
     assert "make one mesh of them (Join Copies)" in polls.morph_reason(bpy.context)
     parts[1].parent = parts[0]
