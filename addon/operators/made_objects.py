@@ -112,7 +112,8 @@ class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
 class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
     """Let the points follow the armatures, shape keys, modifiers and motion of the original
     objects, also of a source that was morphed as shown. Press again to show the shapes as they
-    were morphed. A morph shown as a mesh follows with Keep Modifiers alone"""
+    were morphed. A mesh moves with the source's rig if that was in Rest Position when it was
+    morphed"""
 
     bl_idname = "pointmorph.follow"
     bl_label = "Follow"
@@ -124,7 +125,7 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
         if reason is None and not morph_object.is_result(made_object(context)):
             reason = (
                 "Show the morph as points or discs first. A mesh moves with the source's rig if "
-                "Keep Modifiers is on when it is morphed"
+                "that is in Rest Position, or Keep Modifiers is on, when it is morphed"
             )
         return reason
 

@@ -14,6 +14,7 @@ from ..scene import (
     morph_object,
     object_looks,
     presentation,
+    recipes,
     staleness,
 )
 from ..scene.shape_reader import is_in
@@ -128,6 +129,18 @@ def select_reason(context):
             kind = type_name(obj)
             return f'"{obj.name}" can\'t be morphed: it has no surface ({kind})'
     return SELECT
+
+
+def selects_others(context):
+    """Whether other objects are selected than those that are picked, and could be in their place:
+    Morph computes what is picked all the same."""
+    selected, picked = selected_shapes(context), staleness.picked_shapes(context.scene)
+    known = {shape and recipes.original_of(shape) for shape in picked} | set(picked)
+    return (
+        any(picked)
+        and any(obj not in known for obj in selected)
+        and not any(morph_object.is_made(obj) for obj in selected)
+    )
 
 
 _FEW = 5000

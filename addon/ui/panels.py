@@ -66,6 +66,8 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
         if made_object(context) is None and presentation.hidden_shapes(context):
             column.operator("pointmorph.show_shapes", text="Show Originals", icon="HIDE_ON")
         reason = polls.morph_reason(context)
+        if reason is None and polls.selects_others(context):
+            reason = "For the selected objects, press Use Selected: Morph takes those chosen above"
         if reason is not None:
             say(layout, context, reason, "INFO")
 

@@ -1,8 +1,11 @@
 """Morph on a pair that has a result computes it again; Key Morph animates it."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
+from panel_drawing import Layout, drawing_context
 from scenes import (
     add_mesh,
     coordinates,
@@ -192,6 +195,33 @@ def test_use_selected_takes_any_number_of_shapes(settings):
 
 
 # --- Key Morph ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("selected", ["others", "the same", "one other", "the result"])
+def test_the_panel_says_that_others_are_selected(addon, settings, selected):
+    """Morph takes what is chosen: it computed the first two again, whatever was selected."""
+    settings.show_as = "MESH"
+    first = pair()
+    obj = morph()
+    others = [add_mesh(name, *patch(7)) for name in ("Other", "Another")]
+    objects = {
+        "others": others,
+        "the same": first,
+        "one other": [first[0], others[0]],
+        "the result": [obj, others[0]],
+    }
+    for one in bpy.context.scene.objects:
+        one.hide_set(False)
+        one.select_set(one in objects[selected])
+    said = []
+    panels = addon("ui.panels")
+    panel = SimpleNamespace(_draw_between=None)
+    say, panels.say = panels.say, lambda layout, context, text, icon: said.append(text)
+    try:
+        panels.POINTMORPH_PT_morph._draw_shapes(panel, Layout(), drawing_context())
+    finally:
+        panels.say = say
+    assert any("press Use Selected" in text for text in said) == ("other" in selected)
 
 
 def test_the_slider_is_keyed_from_frame_to_frame(addon, shown):
