@@ -35,6 +35,7 @@ _VALUES = {
     "FLOAT_COLOR": ("color", 4),
     "BYTE_COLOR": ("color", 4),
 }
+_NORMALS = "pointmorph_normals"
 # Vertices whose groups are read at once where Blender must stay usable.
 _PART = 4096
 
@@ -252,6 +253,30 @@ def triangle_faces(mesh):
 def corner_normals(mesh):
     """(C, 3)"""
     return _read(mesh.corner_normals, "vector", 3)
+
+
+def keep_normals(mesh):
+    """Has the corners of a mesh take the normals that somebody gave them along, as new corners take
+    what those around them have, until `give_normals_back`. Returns whether there are any."""
+    if mesh.has_custom_normals:
+        write_attribute(mesh, _NORMALS, corner_normals(mesh), "CORNER")
+    return mesh.has_custom_normals
+
+
+def give_normals_back(mesh, moved=lambda normals: normals):
+    """Gives the corners of a mesh the normals that `keep_normals` had them take along. Blender
+    keeps what they are beside those of the faces, which have others by now."""
+    normals = moved(read_vectors(mesh, _NORMALS))
+    forget_normals(mesh)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    # Without a length, Blender takes that of the face.
+    mesh.normals_split_custom_set((normals / np.maximum(lengths, 1e-12)).tolist())
+
+
+def forget_normals(mesh):
+    """Takes away what `keep_normals` wrote."""
+    if _NORMALS in mesh.attributes:
+        mesh.attributes.remove(mesh.attributes[_NORMALS])
 
 
 def write_uvs(mesh, name, uvs):

@@ -1,5 +1,7 @@
 """One mesh of what several objects show, so that a model of many parts morphs as a whole."""
 
+from functools import partial
+
 import bpy
 import numpy as np
 import pointmorph
@@ -10,7 +12,6 @@ from ..data import arrays, creation
 from . import as_shown, object_looks
 
 _TYPES = ("MESH", *arrays.MADE_TYPES)
-_NORMALS = "pointmorph_normals"  # of a mesh, while its faces are turned
 
 
 def is_of_parts(obj):
@@ -149,19 +150,13 @@ def _take_materials(mesh, obj):
 
 def _move(mesh, matrix):
     """Takes a mesh through a matrix; faces show the same side, with the same shading."""
-    matrix_array = np.array(matrix)
-    shades = mesh.has_custom_normals and not transforms.keeps_angles(matrix_array)
-    if shades:  # Blender would bend them
-        normals = transforms.move_normals(matrix_array, arrays.corner_normals(mesh))
-        arrays.write_attribute(mesh, _NORMALS, normals, "CORNER")
+    bent = not transforms.keeps_angles(matrix) and arrays.keep_normals(mesh)
     corners = arrays.mesh_corners(mesh)
     mesh.transform(matrix)
     if transforms.is_mirrored(matrix) and np.array_equal(arrays.mesh_corners(mesh), corners):
         mesh.flip_normals()
-    if shades:
-        normals = arrays.read_vectors(mesh, _NORMALS)
-        mesh.attributes.remove(mesh.attributes[_NORMALS])
-        mesh.normals_split_custom_set(normals.tolist())
+    if bent:
+        arrays.give_normals_back(mesh, partial(transforms.move_normals, np.array(matrix)))
 
 
 def _share_uv_map(meshes):

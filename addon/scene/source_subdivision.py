@@ -133,14 +133,20 @@ def write(source, finer, triangles):
         )
     if not len(finer.ends):
         return before, before
+    has_normals = arrays.keep_normals(mesh)
     edited = bmesh.new()
     try:
         edited.from_mesh(mesh)
         _cut(edited, source.name, finer, arrays.triangle_faces(mesh)[finer.parents])
         _keep_marks(edited, source, before)
         edited.to_mesh(mesh)
+    except BaseException:
+        arrays.forget_normals(mesh)
+        raise
     finally:
         edited.free()
+    if has_normals:
+        arrays.give_normals_back(mesh)
     mesh.update()
     return before, len(mesh.vertices)
 

@@ -335,6 +335,31 @@ def test_subdividing_keeps_what_faces_and_their_corners_have(settings):
     assert all(np.abs(places[list(edge.vertices), 0]).max() < 1e-6 for edge in seam)
 
 
+def test_subdividing_keeps_the_shading_of_normals_that_somebody_gave(settings):
+    """As those of imported models: Blender keeps them beside what the faces have, which is other
+    where these are cut. They came out as dents."""
+    source = add_mesh("Sheet", *patch(5, bump=0.5))
+    source.data.shade_smooth()
+    hill = add_mesh("Dunes", *patch(30, bump=1.5, turn=1.0))
+
+    def wanted(mesh):
+        corners = read(mesh.loops, "vertex_index", 1, np.int32).reshape(-1)
+        bent = coordinates(mesh.vertices)[corners] * (0.4, 0.3, 0.0) + (0, 0, 1)
+        return bent / np.linalg.norm(bent, axis=1, keepdims=True)
+
+    source.data.normals_split_custom_set(wanted(source.data).tolist())
+    pick(source, hill)
+    obj = morph()
+    select(obj)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    mesh = source.data
+    assert len(mesh.vertices) > 60
+    assert mesh.has_custom_normals
+    assert [a.name for a in mesh.attributes if "pointmorph" in a.name] == []
+    found = read(mesh.corner_normals, "vector", 3)
+    np.testing.assert_allclose(found, wanted(mesh), atol=0.03)
+
+
 def test_subdividing_alone_leaves_the_morph_to_be_recomputed(settings):
     pick(primitive("cube"), primitive("ico_sphere", subdivisions=3))
     obj = morph()
