@@ -131,15 +131,27 @@ def select_reason(context):
     return SELECT
 
 
-def selects_others(context):
+def morph_remark(context):
+    """What Morph does that those who have selected something may not expect, in words, or None."""
+    if morphs_selected(context):
+        count = len(selected_shapes(context))
+        if count > 2:
+            return (
+                f"Morph goes through the {count} selected objects one after another. For parts of "
+                "a model, press Join Copies first"
+            )
+    elif _selects_others(context):
+        return "For the selected objects, press Use Selected: Morph takes those chosen above"
+    return None
+
+
+def _selects_others(context):
     """Whether other objects are selected than those that are picked, and could be in their place:
     Morph computes what is picked all the same."""
     selected, picked = selected_shapes(context), staleness.picked_shapes(context.scene)
     known = {shape and recipes.original_of(shape) for shape in picked} | set(picked)
-    return (
-        any(picked)
-        and any(obj not in known for obj in selected)
-        and not any(morph_object.is_made(obj) for obj in selected)
+    return any(obj not in known for obj in selected) and not any(
+        morph_object.is_made(obj) for obj in selected
     )
 
 

@@ -65,9 +65,7 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
             column.operator("pointmorph.join_copies")
         if made_object(context) is None and presentation.hidden_shapes(context):
             column.operator("pointmorph.show_shapes", text="Show Originals", icon="HIDE_ON")
-        reason = polls.morph_reason(context)
-        if reason is None and polls.selects_others(context):
-            reason = "For the selected objects, press Use Selected: Morph takes those chosen above"
+        reason = polls.morph_reason(context) or polls.morph_remark(context)
         if reason is not None:
             say(layout, context, reason, "INFO")
 

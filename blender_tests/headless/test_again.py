@@ -213,6 +213,23 @@ def test_the_panel_says_that_others_are_selected(addon, settings, selected):
     for one in bpy.context.scene.objects:
         one.hide_set(False)
         one.select_set(one in objects[selected])
+    said = drawn_words(addon)
+    assert any("press Use Selected" in text for text in said) == ("other" in selected)
+
+
+def test_the_panel_says_that_many_selected_objects_are_a_chain(addon):
+    """Those who had selected all parts of a car got a morph of its wheels."""
+    for number in range(3):
+        add_mesh(f"Part {number}", *patch(7)).select_set(number < 2)
+    assert drawn_words(addon) == []
+    bpy.data.objects["Part 2"].select_set(True)
+    (said,) = drawn_words(addon)
+    assert "goes through the 3 selected objects one after another" in said
+    assert "Join Copies" in said
+
+
+def drawn_words(addon):
+    """What the panel Morph says."""
     said = []
     panels = addon("ui.panels")
     panel = SimpleNamespace(_draw_between=None)
@@ -221,7 +238,7 @@ def test_the_panel_says_that_others_are_selected(addon, settings, selected):
         panels.POINTMORPH_PT_morph._draw_shapes(panel, Layout(), drawing_context())
     finally:
         panels.say = say
-    assert any("press Use Selected" in text for text in said) == ("other" in selected)
+    return said
 
 
 def test_the_slider_is_keyed_from_frame_to_frame(addon, shown):
