@@ -116,7 +116,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
             presentation.set_visible(context, original, False)
             presentation.set_visible(context, changed, True)
             said += ", a copy with modifiers applied"
-            if original.type == "MESH":
+            if original.type == "MESH" and not as_shown.has_cache(original):
                 how = as_shown.how_to_keep(original, "it")
                 said += f'. For keys on "{original.name}" itself, {how}'
         elif changed.hide_get():

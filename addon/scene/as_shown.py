@@ -119,9 +119,23 @@ def is_rigged(obj):
     return by_parent or any(m.type == "ARMATURE" and m.show_viewport for m in obj.modifiers)
 
 
+def is_cache(modifier):
+    """Whether a modifier puts vertices in places from a file, wherever they were before it."""
+    return modifier.type == "MESH_SEQUENCE_CACHE" or (
+        modifier.type == "MESH_CACHE" and modifier.deform_mode == "OVERWRITE"
+    )
+
+
+def has_cache(obj):
+    """Whether an object has such a modifier."""
+    return any(is_cache(modifier) for modifier in obj.modifiers)
+
+
 def how_to_keep(obj, called):
     """In words: what makes a morph of an object, which is `called` something, that keeps what its
     copy as shown has applied."""
+    if has_cache(obj):  # which would undo the morph
+        return "show the morph as points or discs and turn on Follow"
     if is_rigged(obj):  # with Keep Modifiers, the pose would be there twice
         return (
             f"set its armature to Rest Position, that of the target as well, choose {called} as "

@@ -11,6 +11,7 @@ import pointmorph
 from ..core import path_stages, transforms
 from ..data import arrays, attribute_names, creation, nodes, versions
 from . import (
+    as_shown,
     attribute_transfer,
     blended_textures,
     morph_builder,
@@ -71,7 +72,11 @@ def left_off(source):
     """Names of the modifiers of a source that a copy of it can't have."""
     if source is None:  # deleted, or undone
         return []
-    return [modifier.name for modifier in source.modifiers if modifier.type in nodes.MUST_BE_FIRST]
+    return [
+        modifier.name
+        for modifier in source.modifiers
+        if modifier.type in nodes.MUST_BE_FIRST or as_shown.is_cache(modifier)
+    ]
 
 
 def _own_places(source, places, back, kept):

@@ -310,6 +310,38 @@ def test_how_to_keep_what_was_applied_is_said(settings, capfd, what):
     assert f'For keys on "Hill" itself, {advice}' in said
 
 
+def test_a_cache_that_would_undo_the_morph_is_not_kept(settings, capfd, tmp_path):
+    """A mesh of an Alembic file has its vertices from there, whatever moves them before. With Keep
+    Modifiers, which was advised, the slider did nothing."""
+    settings.show_as = "MESH"
+    source, target = pair(14, 12)
+    target.vertex_groups.clear()
+    path = str(tmp_path / "moving.abc")
+    for frame, z in ((1, 0.0), (3, 2.0)):
+        source.location.z = z
+        source.keyframe_insert("location", frame=frame)
+    source.modifiers.new("Rough", "DISPLACE").strength = 0.01
+    select(source)
+    bpy.ops.wm.alembic_export(filepath=path, selected=True, start=1, end=3, flatten=True)
+    bpy.data.objects.remove(source)
+    bpy.ops.wm.alembic_import(filepath=path, always_add_cache_reader=True)
+    cached = next(o for o in bpy.context.scene.objects if o not in (target,))
+    assert [m.type for m in cached.modifiers] == ["MESH_SEQUENCE_CACHE"]
+    pick(cached, target)
+    morph()
+    assert "show the morph as points or discs and turn on Follow" in capfd.readouterr().out
+    bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+    assert "For keys on" not in capfd.readouterr().out
+    pick(cached, target)
+    cached.pointmorph.keep_modifiers = True
+    shown = morph()
+    assert f"has no {cached.modifiers[0].name}" in capfd.readouterr().out
+    places = shown_surface(shown)
+    set_t(shown, 1)
+    bpy.context.view_layer.update()
+    assert np.abs(shown_surface(shown) - places).max() > 0.1
+
+
 def test_keys_on_the_mesh_of_a_text_are_not_promised_for_the_text(settings, capfd):
     settings.show_as = "MESH"
     pick(add_other("FONT"), add_mesh("Dune", *patch(9, bump=0.8)))

@@ -393,7 +393,7 @@ def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
     assert layout.drawn[:3] == ["key_morph", "show_shapes", "recompute"]
 
 
-@pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY"])
+@pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY", "MESH_CACHE", "MESH_SEQUENCE_CACHE"])
 def test_a_modifier_that_must_be_first_is_left_off(settings, capfd, kind):
     settings.show_as = "MESH"
     source, _ = pair(14, 12)
