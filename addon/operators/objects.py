@@ -96,15 +96,20 @@ class POINTMORPH_OT_join_copies(Explained, bpy.types.Operator):
         chosen = sorted(context.selected_objects, key=lambda obj: obj.name)
         active = context.view_layer.objects.active
         try:
-            copy, count = joined.join(context, chosen, active if active in chosen else chosen[0])
+            lead = active if active in chosen else chosen[0]
+            copy, count, rig = joined.join(context, chosen, lead)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         activate(context.view_layer.objects, copy)
-        self.report(
-            {"INFO"},
-            f'"{copy.name}" shows {count} objects, which are hidden: '
-            f"{len(copy.data.vertices):,} vertices",
-        )
+        said = f'"{copy.name}" shows {count} objects, which are hidden'
+        if rig is not None and copy.parent == rig:
+            said += f', and "{rig.name}" moves it'
+        elif rig is not None:
+            said += (
+                f', in their present pose. For a mesh that "{rig.name}" moves, undo, set that to '
+                "Rest Position and join again"
+            )
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 

@@ -42,13 +42,15 @@ def left_behind(context, obj, shapes):
 def join(context, chosen, lead):
     """A mesh of what the viewport shows of objects, of all that is parented to them or bent by
     them, and of the collections that they show; in the place of one of them, the `lead`. Those that
-    are in it are hidden.
+    are in it are hidden. An armature in Rest Position goes on bending it.
 
     Returns
     -------
     Object
     int
         Of how many parts it is made.
+    Object or None
+        The armature that moves them; the mesh is parented to it if that is in Rest Position.
 
     Raises
     ------
@@ -78,6 +80,11 @@ def join(context, chosen, lead):
         for part in parts:
             created(part)
             context.scene.collection.objects.link(part)
+        rig, bones = _rig_of(owners)
+        goes_on = rig is not None and rig.data.pose_position == "REST"
+        for part, (_, owner) in zip(parts, found, strict=True):
+            if goes_on and owner in bones:
+                _weigh(part, bones[owner])
     joined = _joined(context, parts)
     for mesh in meshes[1:]:
         bpy.data.meshes.remove(mesh)
@@ -85,9 +92,50 @@ def join(context, chosen, lead):
     joined.location = origin
     context.scene.collection.objects.unlink(joined)
     as_shown.link_beside(context, lead, joined)
+    if goes_on:
+        _bend(context, joined, rig)
     for owner in owners:
         as_shown.hide(context, owner)
-    return joined, len(found)
+    return joined, len(found), rig
+
+
+def _rig_of(owners):
+    """The armature that moves all parts that one moves, or None; and by part, the name of the bone
+    that this is parented to, itself or what it's parented to."""
+    rigs, bones = set(), {}
+    for owner in owners:
+        rigs |= {m.object for m in owner.modifiers if m.type == "ARMATURE" and m.show_viewport}
+        one = owner
+        while one.parent is not None:
+            if one.parent.type == "ARMATURE" and one.parent_type == "ARMATURE":
+                rigs.add(one.parent)
+            elif one.parent.type == "ARMATURE" and one.parent_type == "BONE":
+                rigs.add(one.parent)
+                bones.setdefault(owner, one.parent_bone)
+            one = one.parent
+    rigs.discard(None)
+    if len(rigs) != 1:
+        return None, {}
+    (rig,) = rigs
+    known = [rig.data.bones.get(name) for name in bones.values()]
+    if any(bone is None or not bone.use_deform for bone in known):
+        return None, {}  # a bone that bends nothing can't move a part of a mesh
+    return rig, bones
+
+
+def _weigh(part, bone):
+    """Has a bone move all of a part."""
+    part.vertex_groups.clear()
+    part.vertex_groups.new(name=bone).add(range(len(part.data.vertices)), 1.0, "REPLACE")
+
+
+def _bend(context, obj, rig):
+    """Has an armature in Rest Position move an object from now on."""
+    context.view_layer.update()
+    placed = obj.matrix_world.copy()
+    obj.parent = rig
+    obj.matrix_world = placed
+    obj.modifiers.new("Armature", "ARMATURE").object = rig
 
 
 def _family(context, chosen):

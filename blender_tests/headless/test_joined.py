@@ -138,6 +138,52 @@ def test_a_rig_stands_for_what_it_bends(settings):
     assert max(near) < 1e-5
 
 
+def add_character(pose):
+    """A rig with a part that it bends, one that a bone holds, and one on that; their places."""
+    bent = add_part("Bent", None)
+    add_armature(bent, (0, 0, 0))
+    rig = bpy.data.objects["Rig"]
+    rig.matrix_world = Matrix.Translation((1, 2, 0)) @ Matrix.Diagonal((2, 2, 2, 1))
+    rig.data.pose_position = pose
+    rig.pose.bones["Bone"].rotation_mode = "XYZ"
+    rig.pose.bones["Bone"].rotation_euler = (0.3, 0.5, 0.7)
+    held = add_part("Held", rig, Matrix.Translation((3, 0, 0)))
+    held.parent_type, held.parent_bone = "BONE", "Bone"
+    add_part("On held", held, Matrix.Rotation(0.4, 4, "X"))
+    bpy.context.view_layer.update()
+    return rig, [bpy.data.objects[name] for name in ("Bent", "Held", "On held")]
+
+
+def test_a_rig_at_rest_goes_on_moving_what_it_moved(capfd):
+    """So a whole character morphs while it runs."""
+    rig, parts = add_character("REST")
+    joined = join(rig)
+    assert '"Rig" moves it' in capfd.readouterr().out
+    assert joined.parent == rig
+    for position in ("REST", "POSE"):
+        rig.data.pose_position = position
+        for part in parts:
+            part.hide_set(False)
+        bpy.context.view_layer.update()
+        found = shown_vertices(joined)
+        places = np.concatenate([shown_vertices(part) for part in parts])
+        assert len(found) == len(places)
+        apart = np.linalg.norm(found[:, None] - places, axis=2)
+        assert apart.min(axis=0).max() < 1e-5
+        assert apart.min(axis=1).max() < 1e-5
+
+
+@pytest.mark.parametrize("why", ["pose", "bone"])
+def test_a_rig_that_cannot_move_a_mesh_leaves_it(capfd, why):
+    rig, _ = add_character("POSE" if why == "pose" else "REST")
+    rig.data.bones["Bone"].use_deform = why != "bone"
+    joined = join(rig)
+    assert joined.parent is None
+    assert not joined.modifiers
+    said = capfd.readouterr().out
+    assert ("set that to Rest Position and join again" in said) == (why == "pose")
+
+
 def test_a_collection_that_is_shown_is_joined():
     shown = bpy.data.collections.new("Set")
     for x in (0, 3):
