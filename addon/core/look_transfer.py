@@ -84,6 +84,21 @@ class Model:
     def has_look(self):
         return self.look is not None or self.colors is not None
 
+    def at(self, positions):
+        """The same with its vertices elsewhere, as in another pose: what was seen of each face goes
+        along with it."""
+        skin = self.skin
+        if (
+            skin is not None
+            and skin.normals is not None
+            and not np.array_equal(positions, self.positions)
+        ):
+            moved = [places[self.triangles] for places in (self.positions, positions)]
+            normals = transforms.move_along(*moved, skin.normals[skin.corners])
+            skin = replace(skin, normals=skin.normals.copy())
+            skin.normals[skin.corners] = normals
+        return replace(self, positions=positions, skin=skin)
+
 
 @dataclass(frozen=True)
 class Options:

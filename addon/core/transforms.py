@@ -82,6 +82,32 @@ def move_normals(matrix, normals):
     return moved.astype(np.float32)
 
 
+def move_along(before, after, normals):
+    """(F, 3, 3) float32: normals at the corners of triangles that were moved, turned with these.
+
+    Parameters
+    ----------
+    before, after : (F, 3, 3) array
+        The triangles' corners.
+    normals : (F, 3, 3) array
+    """
+    turns = []
+    for corners in (before, after):
+        sides = corners[:, 1:].astype(np.float64) - corners[:, :1]
+        up = np.cross(sides[:, 0], sides[:, 1])
+        size = np.sqrt(np.linalg.norm(up, axis=1))[:, None]
+        # As high as it is wide, so that what is stretched isn't bent.
+        turns.append(np.concatenate([sides, (up / np.maximum(size, 1e-30))[:, None]], axis=1))
+    good = np.abs(np.linalg.det(turns[1])) > 1e-30
+    good &= np.abs(np.linalg.det(turns[0])) > 1e-30
+    moved = normals.astype(np.float64)
+    # Rows are the sides: normals go by the inverse transpose of what takes one to the other.
+    back = np.linalg.inv(turns[1][good])
+    moved[good] = np.einsum("fnc,fsc,fks->fnk", moved[good], turns[0][good], back)
+    moved /= np.maximum(np.linalg.norm(moved, axis=2, keepdims=True), 1e-30)
+    return moved.astype(np.float32)
+
+
 def move_radii(matrix, radii):
     """(N,) float32: radii of balls that keep their volume's share of a (4, 4) matrix's scale."""
     scale = abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)

@@ -10,7 +10,15 @@ from ..core.look_transfer import Canvas, Options, draw
 from ..core.stepping import finish
 from ..core.transforms import move_faces, move_positions
 from ..data import arrays, creation, images, look_nodes, nodes
-from . import baked_colors, morph_object, object_looks, path_display, recipes, stagger_nodes
+from . import (
+    baked_colors,
+    map_ends,
+    morph_object,
+    object_looks,
+    path_display,
+    recipes,
+    stagger_nodes,
+)
 from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
@@ -85,6 +93,9 @@ def _read_steps(context, obj, target, options):
             "Recompute the morph first.",
         )
     model = shape.moved(np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))).model()
+    places = map_ends.places_of_target(obj)
+    if places is not None and len(places) == len(model.positions):
+        model = model.at(places)  # it may have another pose by now
     if not model.has_look:
         raise pointmorph.CloudError(
             target.name,

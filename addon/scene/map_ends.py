@@ -9,7 +9,7 @@ import pointmorph.meshes
 
 from ..core import transforms
 from ..data import arrays
-from . import morph_object, morph_paths, recipes
+from . import applied, morph_object, morph_paths, recipes
 
 _DEFORMING = {
     "ARMATURE",
@@ -153,13 +153,20 @@ def _receiver(mesh, positions, landing, own):
 
 def read_giver(obj, mesh):
     """The target of a morph object as it was morphed; `mesh` is what the viewport shows of it."""
-    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
-    if morph_object.is_result(pairs):
-        rows = morph_object.stage_rows(pairs)[-1]
-        positions = arrays.by_row(rows, arrays.key_positions(morph_object.stage_keys(pairs)[-1]))
-    else:
+    positions = places_of_target(obj)
+    if positions is None:
         positions = transforms.move_positions(target_matrix(obj), arrays.vertex_positions(mesh))
     return giver_of(mesh, positions)
+
+
+def places_of_target(obj):
+    """(M, 3): where the target's points were when it was morphed, in the morph's frame, whatever
+    its pose is now; None where the points of the morph, which know it, are gone or were moved."""
+    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
+    if not morph_object.is_result(pairs) or applied.matrix_of(pairs) is not None:
+        return None
+    rows = morph_object.stage_rows(pairs)[-1]
+    return arrays.by_row(rows, arrays.key_positions(morph_object.stage_keys(pairs)[-1]))
 
 
 def read_unmodified_giver(context, matrix, target, shown):

@@ -34,7 +34,8 @@ def test_the_target_is_drawn_along_the_map(textured):
     x, y, _ = key(obj, "Basis").T
     flat = np.stack([-y, x], axis=1) * 0.9
     form = coordinates(target.data.vertices)
-    for vertex in target.data.vertices:
+    of_points = obj.pointmorph.made_from.data.shape_keys.key_blocks["Morph"].data
+    for vertex in (*target.data.vertices, *of_points):  # which know how it was morphed
         vertex.co.z = 0.0
     assert len(form) == 100
     send(obj, np.column_stack([flat, np.zeros(len(flat))]))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from painted_scenes import bilinear, corners_of, image_of, linear, material, new_image
 from scenes import add_mesh, error_of, key, mark, morph, patch, read, select
+from test_as_shown import add_armature
 
 
 def test_recompute_draws_anew(addon, textured):
@@ -64,6 +65,25 @@ def test_normals_are_drawn_anew_in_the_background(addon, monkeypatch):
     assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     assert [options.normal for options in drawn_in] == [True]
     np.testing.assert_allclose(image_of(obj, "Normal"), before, atol=0.02)
+
+
+@pytest.mark.parametrize("normal", [False, True])
+def test_a_target_that_has_another_pose_by_now_looks_as_it_did(textured, normal):
+    """It was drawn where the target's faces were by now, which is anywhere."""
+    _, target = textured
+    target.data.shade_smooth()
+    add_armature(target, (0, 0, 0))
+    obj = morph()
+    select(obj)
+    assert bpy.ops.pointmorph.blend_textures(size="256", normal=normal) == {"FINISHED"}
+    names = ("Color", "Normal") if normal else ("Color",)
+    before = [image_of(obj, name) for name in names]
+    bone = bpy.data.objects["Rig"].pose.bones["Bone"]
+    bone.location, bone.rotation_quaternion = (0.7, 0.4, 0.3), (0.6, 0.5, 0.4, 0.5)
+    bpy.context.view_layer.update()
+    assert bpy.ops.pointmorph.blend_textures(size="256", normal=normal) == {"FINISHED"}
+    for name, image in zip(names, before, strict=True):
+        np.testing.assert_allclose(image_of(obj, name), image, atol=0.02)
 
 
 def test_recompute_blends_where_nobody_decided(addon, settings, textured):

@@ -557,3 +557,29 @@ def test_a_bumpy_target_is_drawn_as_normals() -> None:
     found = 2.0 * drawn.normal - 1.0
     apart = np.degrees(np.arccos(np.clip((found * slope).sum(axis=-1), -1, 1)))
     assert np.percentile(apart, 90) < 8.0  # the closest place isn't the one straight above
+
+
+def test_normals_go_along_with_the_triangles_that_they_are_on() -> None:
+    """Those of a bent model, as what turns and stretches each of its faces."""
+    transforms = load("transforms")
+    rng = np.random.default_rng(4)
+    triangles = rng.normal(size=(40, 3, 3)).astype(np.float32)
+    normals = rng.normal(size=(40, 3, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    turned = transforms.move_along(triangles, 3 * triangles @ turn.T + 1, normals)
+    np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-5)
+
+    def up(corners: Array) -> Array:
+        found = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return found[:, None] / np.linalg.norm(found, axis=1)[:, None, None]
+
+    stretched = triangles @ np.array([[2, 1, 0], [0, 1, 0], [0, 0.5, 0.3]])
+    moved = transforms.move_along(triangles, stretched, np.repeat(up(triangles), 3, axis=1))
+    np.testing.assert_allclose(moved, np.repeat(up(stretched), 3, axis=1), atol=1e-5)
+
+    triangles[0] = 0.0
+    kept = transforms.move_along(triangles, stretched, normals)
+    np.testing.assert_allclose(kept[0], normals[0], atol=1e-6)
+    assert np.isfinite(kept).all()
