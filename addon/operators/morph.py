@@ -7,10 +7,9 @@ import bpy
 import pointmorph
 
 from ..core import preview
-from ..core.settings import settings_values
 from ..data import chains
 from ..data.arrays import MADE_TYPES
-from ..data.feature_list import feature_choices, sync_features
+from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
@@ -201,14 +200,11 @@ class _Morphing(Recomputing):
             self._take_copies_back(bpy.context)
 
     def _begin_new(self, context, shapes):
-        settings = context.scene.pointmorph
         self._shapes = [reference_to(shape) for shape in shapes]
         plan = self._plan = yield from recomputation.plan_of_steps(
             context,
             shapes,
-            feature_choices(settings),
-            [item.name for item in settings.loop],
-            settings_values(settings),
+            recomputation.chosen_in(context.scene.pointmorph),
             blended_textures.wanted(context.scene),
         )
         earlier = self._starts(plan)

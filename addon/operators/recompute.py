@@ -9,7 +9,6 @@ from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
-    as_shown,
     blended_textures,
     lost_keys,
     morph_object,
@@ -63,7 +62,7 @@ class Recomputing(Computing):
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
-        self._lost += _posed_twice(context, obj)
+        self._lost += plan.remarks
         earlier = self._starts(plan) if start is None else (start,)
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 
@@ -102,17 +101,6 @@ class Recomputing(Computing):
         for warning in (*self._lost, *said):
             self.report({"WARNING"}, warning)
         return obj
-
-
-def _posed_twice(context, obj):
-    """What is wrong with a morph that is computed again in a pose, in words."""
-    source, *_, target = recipes.shapes_of(obj)
-    if None in (source, target) or not morph_object.shown_of(obj).pointmorph.keeps_faces:
-        return []
-    if source.pointmorph.keep_modifiers:  # Morph said so
-        return []
-    words = as_shown.posed_twice(context, source, target)
-    return [] if words is None else [f"{words}, and recompute"]
 
 
 class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):

@@ -1,7 +1,8 @@
 """How a morph object is computed again in place: from the objects that it was made from or, when
 one is gone, from what it holds itself. Chains are computed in this way from the first."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,21 +12,48 @@ from ..core import transforms
 from ..core.computation import Request, Shape
 from ..core.features import Choice, Marks, match
 from ..core.settings import settings_values
+from ..core.stepping import finish
 from ..data import arrays
 from ..data.feature_list import feature_choices
-from . import baked_colors, morph_builder, morph_object, placement, recipes, staleness
+from . import (
+    applied,
+    as_shown,
+    baked_colors,
+    morph_builder,
+    morph_object,
+    placement,
+    recipes,
+    staleness,
+)
 from .shape_reader import present_steps, read_shape_steps, update
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """What was chosen for a morph: the Choice of every feature by its name, the names of the loop's
+    features, and the library's settings."""
+
+    features: dict
+    loop: list
+    settings: dict
+
+
+def chosen_in(settings):
+    """What the panel has chosen; `settings` are the scene's."""
+    loop = [item.name for item in settings.loop]
+    return Chosen(feature_choices(settings), loop, settings_values(settings))
+
+
+@dataclass(frozen=True)
 class Plan:
-    """What it takes to make a morph object again."""
+    """What it takes to make a morph object again; `remarks` are what is to be said, in words."""
 
     requests: list
     recipe: dict
     origin: np.ndarray
     source_matrix: np.ndarray
     missing: list
+    remarks: Sequence = ()
 
     def provenance(self, shapes):
         return morph_builder.Provenance(shapes, self.origin, self.source_matrix)
@@ -62,23 +90,56 @@ def plan_steps(context, obj, textures=None):
             "Choose two objects and morph again.",
         )
     if not recipes.is_known(recipe) or staleness.is_picked(context.scene, obj):
-        choices, loop = feature_choices(settings), [item.name for item in settings.loop]
-        values = settings_values(settings)
+        chosen = chosen_in(settings)
     else:
         choices = {name: Choice(*parts) for name, parts in recipe["features"].items()}
-        loop, values = recipe["loop"], recipe["settings"]
+        chosen = Chosen(choices, recipe["loop"], recipe["settings"])
     if missing:
-        return _plan_from_itself(obj, recipe, values, loop, missing)
-    return (yield from plan_of_steps(context, shapes, choices, loop, values, textures))
+        return _plan_from_itself(obj, recipe, chosen.settings, chosen.loop, missing)
+    update(context, *shapes)
+    posed, remarks = _poses(context, obj, shapes, recipe)
+    steps = plan_of_steps(context, shapes, chosen, textures, posed)
+    return replace((yield from steps), remarks=remarks)
 
 
-def plan_of_steps(context, shapes, choices, loop, values, textures=None):
-    """How to compute the morph from each of these objects to the next; see `plan_steps`."""
-    steps = _read_plan_steps(context, shapes, choices, loop, values, textures)
+def _poses(context, obj, shapes, recipe):
+    """Of a morph whose rig poses it now: by their numbers, positions and normals of the targets
+    that are posed as well, as they were morphed; and of which these aren't known, in words."""
+    source, found, remarks = shapes[0], {}, []
+    if source.pointmorph.keep_modifiers or not morph_object.shown_of(obj).pointmorph.keeps_faces:
+        return found, remarks  # Morph said so, or nothing poses it
+    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
+    is_whole = morph_object.is_result(pairs) and applied.matrix_of(pairs) is None
+    origin = np.array(source.matrix_world.translation)
+    for number, shape in enumerate(shapes[1:], 1):
+        words = as_shown.posed_twice(context, source, shape)
+        if words is None:
+            continue
+        known = recipe["shapes"][number] if recipes.is_known(recipe) else None
+        now = finish(recipes.fingerprint_steps(shape, origin, True))
+        if not is_whole or known is None or known["data"] != now["data"]:
+            remarks.append(f"{words}, and recompute")
+            continue
+        of_pairs = (stage(pairs)[number] for stage in _STAGES)
+        stored = morph_object.read_stage(pairs, *of_pairs)
+        before, after = (np.reshape(one["matrix"], (4, 4)) for one in (known, now))
+        moved = np.eye(4) if np.array_equal(before, after) else after @ np.linalg.inv(before)
+        positions = transforms.move_positions(moved, stored["positions"])
+        found[number] = positions, transforms.move_normals(moved, stored["normals"])
+    return found, remarks
+
+
+_STAGES = morph_object.stages, morph_object.stage_keys, morph_object.stage_rows
+
+
+def plan_of_steps(context, shapes, chosen, textures=None, posed=None):
+    """How to compute the morph from each of these objects to the next; see `plan_steps`. Those that
+    are `posed` are taken as that says."""
+    steps = _read_plan_steps(context, shapes, chosen, textures, posed or {})
     return (yield from present_steps(context, shapes, steps))
 
 
-def _read_plan_steps(context, shapes, choices, loop, values, textures):
+def _read_plan_steps(context, shapes, chosen, textures, posed):
     update(context, *shapes)
     origin = np.array(shapes[0].matrix_world.translation)
     read = []
@@ -89,11 +150,14 @@ def _read_plan_steps(context, shapes, choices, loop, values, textures):
         bakes = baked_colors.parts_for(drawn)
         steps = read_shape_steps(context, shape, origin, number > 0, relief, bakes)
         read.append((yield from steps))
+        if number in posed and len(posed[number][0]) == len(read[-1].positions):
+            read[-1] = read[-1].at(*posed[number])
     requests = []
     for source, target in pairwise(read):
         yield
-        requests.append(Request(source, target, match(source, target, choices), loop, values))
-    made = yield from recipes.take_down_steps(shapes, requests, origin, choices)
+        features = match(source, target, chosen.features)
+        requests.append(Request(source, target, features, chosen.loop, chosen.settings))
+    made = yield from recipes.take_down_steps(shapes, requests, origin, chosen.features)
     source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
     return Plan(requests, made, origin, source_matrix, [])
 

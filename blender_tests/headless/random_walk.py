@@ -377,13 +377,9 @@ class Walk:
         shapes = [shape for shape in (settings.source, settings.target) if shape is not None]
         if len(shapes) < 2:
             raise ImpossibleError
-        steps = self.addon("scene.recomputation").plan_of_steps(
-            bpy.context,
-            shapes,
-            self.addon("data.feature_list").feature_choices(settings),
-            [item.name for item in settings.loop],
-            self.addon("core.settings").settings_values(settings),
-        )
+        recomputation = self.addon("scene.recomputation")
+        chosen = recomputation.chosen_in(settings)
+        steps = recomputation.plan_of_steps(bpy.context, shapes, chosen)
         change = self.chance.choice([
             self.delete_object, self.delete_data, self.edit_shape, self.remove_group, self.rename,
             self.reload, self.add_shape, self.slide, self.delete_scene,

@@ -362,14 +362,22 @@ def test_a_pose_that_would_be_there_twice_is_named(settings, capfd):
     shown = morph()
     assert [m.type for m in shown.modifiers] == ["NODES", "ARMATURE"]
     rigs = [obj for obj in bpy.context.scene.objects if obj.type == "ARMATURE"]
+    places = key(shown, "Morph").copy()
     for posed in (rigs[:1], rigs):
         for rig in posed:
             rig.pose.bones["Bone"].location = (0, 0, 0.5)
         bpy.context.view_layer.update()
-        capfd.readouterr()
         select(shown)
         bpy.ops.pointmorph.recompute()
-        assert ("Rest Position, and recompute" in capfd.readouterr().out) == (posed == rigs)
+        np.testing.assert_array_equal(key(shown, "Morph"), places)  # the target is as it was
+    target.location.x = 2
+    bpy.ops.pointmorph.recompute()
+    np.testing.assert_allclose(key(shown, "Morph"), places + (2, 0, 0), atol=0.01)
+    target.location.x = 0
+    assert "Rest Position" not in capfd.readouterr().out
+    target.data.vertices[0].co.z += 0.01  # which is another one now
+    bpy.ops.pointmorph.recompute()
+    assert "Rest Position, and recompute" in capfd.readouterr().out
     for rig in rigs:
         rig.data.pose_position = "REST"
     bpy.context.view_layer.update()

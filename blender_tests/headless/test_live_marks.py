@@ -35,15 +35,8 @@ def request_of(addon):
     """As *Morph* reads it: in the morph's frame."""
     recomputation, stepping = addon("scene.recomputation"), addon("core.stepping")
     settings = bpy.context.scene.pointmorph
-    plan = stepping.finish(
-        recomputation.plan_of_steps(
-            bpy.context,
-            [settings.source, settings.target],
-            addon("data.feature_list").feature_choices(settings),
-            [],
-            addon("core.settings").settings_values(settings),
-        )
-    )
+    shapes, chosen = [settings.source, settings.target], recomputation.chosen_in(settings)
+    plan = stepping.finish(recomputation.plan_of_steps(bpy.context, shapes, chosen))
     return plan.requests[0]
 
 
