@@ -93,8 +93,10 @@ class _Morphing(Recomputing):
             )
         update(context, *dict.fromkeys(shapes))
         names = as_shown.changed_by(context, settings.source)
-        keeps = settings.source.pointmorph.keep_modifiers
-        self._kept, self._applied = (names, ()) if keeps else ((), names)
+        if settings.source.pointmorph.keep_modifiers:
+            self._kept = names
+        elif not self._is_moved_by_rig(context):
+            self._applied = names
         self._dropped = as_shown.dropped_by(settings.source) if self._applied else ()
         taken = [
             shape
@@ -124,6 +126,18 @@ class _Morphing(Recomputing):
             staleness.pick_instead(settings, shape, copy)
             update(context, copy)
         return there
+
+    def _is_moved_by_rig(self, context):
+        """Whether these shapes have a morph that the source's rig moves, and nothing else does:
+        that is computed again, in any pose."""
+        source = context.scene.pointmorph.source
+        there = None if self.new_result else picked_result(context, staleness.is_exactly_picked)
+        return (
+            there is not None
+            and morph_object.shown_of(there).pointmorph.keeps_faces
+            and as_shown.is_rigged(source)
+            and not as_shown.is_changed_in_any_case(source)
+        )
 
     def _told(self, error):
         """Nobody finds the copies of which it is: they are taken back."""

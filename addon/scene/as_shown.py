@@ -67,6 +67,11 @@ def left_out(obj):
     return names + _keys_that_show(obj) + _bending_parent(obj)
 
 
+def is_changed_in_any_case(obj):
+    """Whether more than what deforms it for now makes an object look different from its mesh."""
+    return _what_shows(obj)[0]
+
+
 def may_change(obj):
     """Whether any of these can make `changed_by` name something, for all that one can tell without
     looking."""

@@ -370,6 +370,11 @@ def test_a_pose_that_would_be_there_twice_is_named(settings, capfd):
         select(shown)
         bpy.ops.pointmorph.recompute()
         np.testing.assert_array_equal(key(shown, "Morph"), places)  # the target is as it was
+    assert bpy.ops.pointmorph.morph() == {"FINISHED"}  # it has a result
+    assert settings.source == source
+    assert bpy.context.view_layer.objects.active == shown
+    assert len(bpy.context.scene.objects) == 6
+    np.testing.assert_array_equal(key(shown, "Morph"), places)
     target.location.x = 2
     bpy.ops.pointmorph.recompute()
     np.testing.assert_allclose(key(shown, "Morph"), places + (2, 0, 0), atol=0.01)
