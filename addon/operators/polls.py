@@ -17,6 +17,7 @@ from ..scene import (
     recipes,
     staleness,
 )
+from ..scene.joined import is_part
 from ..scene.shape_reader import is_in
 from . import shading
 
@@ -140,6 +141,12 @@ def morph_remark(context):
                 f"Morph goes through the {count} selected objects one after another. For parts of "
                 "a model, press Join Copies first"
             )
+        part = _part_of(context, context.selected_objects) if count else None
+        if part is not None:
+            return (
+                f'"{part.name}" is parented to "{part.parent.name}" and doesn\'t morph with it. To '
+                f'morph all of it, select "{part.parent.name}" alone and press Join Copies'
+            )
     elif _selects_others(context):
         return "For the selected objects, press Use Selected: Morph takes those chosen above"
     return None
@@ -155,7 +162,7 @@ def _selects_others(context):
     )
 
 
-_FEW = 5000
+_FEW = 2000
 """Objects of a scene that panels, which ask at every redraw, can look through."""
 
 
@@ -166,8 +173,16 @@ def are_parts(context):
         return True
     if any(obj.parent in selected for obj in selected):
         return True
-    objects = context.scene.objects
-    return len(objects) <= _FEW and any(obj.parent in selected for obj in objects)
+    return len(selected) == 1 and _part_of(context, selected) is not None
+
+
+def _part_of(context, objects):
+    """An object with a surface that is parented to one of some objects and none of them, where that
+    can be told quickly; or None."""
+    others = context.scene.objects
+    if len(others) > _FEW:
+        return None
+    return next((one for one in others if one.parent in objects and is_part(one, objects)), None)
 
 
 def pick_selected(context):

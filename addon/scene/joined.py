@@ -21,15 +21,22 @@ def is_of_parts(obj):
     return obj.type in {"ARMATURE", "EMPTY"} and bool(obj.children)
 
 
+def is_part(obj, shapes):
+    """Whether an object, which is parented to another, belongs to what is seen of that: it has a
+    surface, is none of the `shapes` that morph themselves, and is no morph."""
+    return (
+        obj.type in _TYPES
+        and obj not in shapes
+        and obj.visible_get()
+        and not obj.pointmorph.keeps_faces
+    )
+
+
 def left_behind(context, obj, shapes):
     """In words, what is seen with an object and isn't morphed with it: objects with a surface that
     are parented to it, but to those `shapes` that are morphed; None where there are none."""
-    parts = [
-        one
-        for one in context.view_layer.objects
-        if one.parent == obj and one.type in _TYPES and one not in shapes and not one.hide_get()
-    ]
-    parts = [one for one in parts if not one.pointmorph.keeps_faces]
+    objects = context.view_layer.objects
+    parts = [one for one in objects if one.parent == obj and is_part(one, shapes)]
     if not parts:
         return None
     which = f'"{parts[0].name}"' if len(parts) == 1 else f"{len(parts)} objects"

@@ -284,7 +284,14 @@ def test_those_who_select_a_whole_model_are_told(addon, settings, capfd):
 
 @pytest.mark.parametrize(
     ("selected", "offered"),
-    [("root", True), ("parent", True), ("both", True), ("three", True), ("two", False)],
+    [
+        ("root", True),
+        ("parent", True),
+        ("both", True),
+        ("three", True),
+        ("two", False),
+        ("parent and another", False),
+    ],
 )
 def test_the_panel_offers_to_join_what_may_be_parts(addon, selected, offered):
     root = add_empty()
@@ -296,8 +303,12 @@ def test_the_panel_offers_to_join_what_may_be_parts(addon, selected, offered):
         "both": [lid.parent, lid],
         "three": loose,
         "two": loose[:2],
+        "parent and another": [lid.parent, loose[0]],
     }
     select(*objects[selected])
+    remark = addon("operators.polls").morph_remark(bpy.context)
+    said = remark is not None and 'select "Chest" alone and press Join Copies' in remark
+    assert said == (selected == "parent and another")
     layout = Layout()
     panel = addon("ui.panels").POINTMORPH_PT_morph
     panel._draw_shapes(SimpleNamespace(_draw_between=None), layout, drawing_context())
