@@ -197,6 +197,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             self._folder = frame_files.make_folder(self.directory)
         if target.suffix:
             self._path = frame_files.file_path(self._folder, self._name, target.suffix)
+        self._say_at_rest(context, obj)
         held = yield from frame_player.read_steps(obj)
         timing = stagger.timing_of(context, obj)
         if timing is not None:
@@ -231,6 +232,18 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             return store
 
         return work
+
+    def _say_at_rest(self, context, obj):
+        """The points of a morph, which are baked, know nothing of a rig that moves its mesh."""
+        source, shown = recipes.shapes_of(obj)[0], morph_object.shown_of(obj)
+        if source is None or obj.pointmorph.follows or not shown.pointmorph.keeps_faces:
+            return
+        if as_shown.is_rigged(source) and as_shown.changed_by(context, source):
+            self.report(
+                {"WARNING"},
+                f'The frames are without the pose that the armature of "{source.name}" gives to '
+                f'"{shown.name}". To bake it as well, press Points and turn on Follow first',
+            )
 
     def _leave(self, context):
         self._steps.close()  # a shape that moves may be in another frame

@@ -19,6 +19,7 @@ from scenes import (
     shown_points,
     torn_pair,
 )
+from test_as_shown import add_armature
 from test_following import bend, in_world, morph_and_follow, swell, travel
 from test_frames import bake
 
@@ -85,6 +86,23 @@ def test_frames_of_a_morph_that_is_animated_say_that_they_stay(settings, capfd, 
     select(shown)
     assert bake() == {"FINISHED"}
     assert "stays where" not in capfd.readouterr().out
+
+
+def test_frames_of_a_mesh_that_a_rig_moves_say_that_they_are_at_rest(settings, capfd):
+    settings.show_as = "MESH"
+    source, _ = pair()
+    add_armature(source, (0, 0, 0))
+    shown = morph()
+    assert bake() == {"FINISHED"}
+    assert "without the pose" not in capfd.readouterr().out
+    bpy.data.objects["Rig"].pose.bones["Bone"].location = (0, 0, 0.5)
+    select(shown)
+    assert bake() == {"FINISHED"}
+    assert f'"Hill" gives to "{shown.name}"' in capfd.readouterr().out
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    assert bake() == {"FINISHED"}
+    assert "without the pose" not in capfd.readouterr().out
 
 
 def test_velocities_and_normals_go_along(settings):
