@@ -172,7 +172,7 @@ def _cut(edited, name, finer, polygons):
     origin = edited.faces.layers.int.new(_ORIGIN)
     for number, face in enumerate(edited.faces):
         face[origin] = number
-    vertices = list(edited.verts)
+    vertices, keys = list(edited.verts), edited.verts.layers.shape.values()
     own = len(vertices)
     owner = np.zeros(own + len(finer.ends), np.int64)  # of what lies within a face
     owner[finer.triangles] = polygons[:, None]
@@ -207,6 +207,7 @@ def _cut(edited, name, finer, polygons):
                 "Remove doubled faces and edges (Mesh > Clean Up), or subdivide it in Edit Mode.",
             )
         vertices.append(bmesh.utils.edge_split(edge, vertices[a], 0.5)[1])
+        _put_between(vertices[-1], vertices[a], vertices[b], keys)
     is_cut = (finer.triangles >= own).any(axis=1)
     is_cut = np.isin(polygons, polygons[is_cut])
     for triangle, polygon in zip(
@@ -215,6 +216,14 @@ def _cut(edited, name, finer, polygons):
         for a, b in zip(triangle, [*triangle[1:], triangle[0]], strict=True):
             edge_between(a, b, polygon)
     edited.faces.layers.int.remove(origin)
+
+
+def _put_between(vertex, start, end, keys):
+    """Puts a vertex in the middle of two, also in shape keys, whichever comes first: on the other
+    side of a seam it has the same bits."""
+    vertex.co = (start.co + end.co) / 2
+    for key in keys:
+        vertex[key] = (start[key] + end[key]) / 2
 
 
 def _keep_marks(edited, source, before):

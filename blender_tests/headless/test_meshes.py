@@ -335,6 +335,31 @@ def test_subdividing_keeps_what_faces_and_their_corners_have(settings):
     assert all(np.abs(places[list(edge.vertices), 0]).max() < 1e-6 for edge in seam)
 
 
+@pytest.mark.parametrize("has_keys", [False, True])
+def test_subdividing_leaves_no_cracks_along_seams(settings, has_keys):
+    """Imported models have vertices of their own on each side of a seam. New ones between them were
+    an odd bit apart, so that the surface opened, and tore in the morph."""
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2)
+    ball = bpy.context.object
+    positions, faces = 1.3 * coordinates(ball.data.vertices), triangles(ball.data)
+    bpy.data.objects.remove(ball)
+    rows = np.arange(faces.size).reshape(-1, 3)
+    source = add_mesh("Ball", (positions[faces] + 0.1).reshape(-1, 3), rows)
+    for name in ("Basis", "Up") if has_keys else ():
+        source.shape_key_add(name=name).value = 0.0
+    bpy.ops.mesh.primitive_monkey_add()
+    pick(source, bpy.context.object)
+    obj = morph()
+    select(obj)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    found = [coordinates(source.data.vertices)]
+    found += [key(source, name) for name in ("Basis", "Up") if has_keys]
+    for places in found:
+        assert len(places) > 2 * faces.size
+        near = np.unique(np.round(places / 1e-5), axis=0)
+        assert len(np.unique(places, axis=0)) == len(near)
+
+
 def test_subdividing_keeps_the_shading_of_normals_that_somebody_gave(settings):
     """As those of imported models: Blender keeps them beside what the faces have, which is other
     where these are cut. They came out as dents."""
