@@ -206,7 +206,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         if there:
             said.append(f"{there} skipped where features already are")
         if between:
-            said.append(f"{between} no tips: turn on Places Between to mark these")
+            said.append(f"{between} between tips: turn on Places Between to mark these")
         if away:
             said.append(f"{away} where only a modifier makes vertices")
         if uncertain:

@@ -300,7 +300,7 @@ def test_that_proposals_are_no_tips_is_said(addon, capfd):
     assert bpy.ops.pointmorph.propose_features(confidence=0.0) == {"FINISHED"}
     assert listed(settings) == []
     said = capfd.readouterr().out
-    assert "no tips: turn on Places Between" in said
+    assert "between tips: turn on Places Between" in said
     assert "less likely" not in said
     assert bpy.ops.pointmorph.propose_features(confidence=0.0, places=True) == {"FINISHED"}
     assert len(listed(settings)) > 0
