@@ -178,6 +178,15 @@ struct ProductSums {
     std::size_t stride;  ///< number of columns, a multiple of 32
 };
 
+/// Tiles of 4 by 4 numbers, one column after the other. Each of `tiles` times the transpose of `by`
+/// is taken from the one of `sums` that its place says.
+struct TileProducts {
+    const double *by, *tiles;
+    const std::int32_t* places;
+    std::size_t count;  ///< of tiles
+    double* sums;
+};
+
 /// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(), those with
 /// POINTMORPH_FUSED where has_fused_products(), and those with POINTMORPH_WIDEST where
 /// has_widest_registers(); each of them says that the ones before are true as well. Not on Windows:
@@ -374,6 +383,33 @@ POINTMORPH_WIDE inline std::uint32_t bits_within_wide(const float* numbers, cons
     }
     return bits;
 }
+/// Two columns of each tile at once. Products are rounded before they are taken.
+POINTMORPH_WIDEST inline void subtract_products_widest(const TileProducts& p) {
+    // Of all lanes, as above.
+    constexpr __mmask8 kAll = 0xff;
+    const __m512i lower = _mm512_set_epi64(1, 1, 1, 1, 0, 0, 0, 0),
+                  upper = _mm512_set_epi64(3, 3, 3, 3, 2, 2, 2, 2);
+    __m512d low[4], high[4];
+#pragma GCC unroll 4
+    for (std::size_t k = 0; k < 4; ++k) {
+        const __m512d row = _mm512_maskz_broadcast_f64x4(kAll, _mm256_loadu_pd(p.by + 4 * k));
+        low[k] = _mm512_maskz_permutexvar_pd(kAll, lower, row);
+        high[k] = _mm512_maskz_permutexvar_pd(kAll, upper, row);
+    }
+    for (std::size_t t = 0; t < p.count; ++t) {
+        double* const to = p.sums + 16 * p.places[t];
+        __m512d left = _mm512_loadu_pd(to), right = _mm512_loadu_pd(to + 8);
+#pragma GCC unroll 4
+        for (std::size_t k = 0; k < 4; ++k) {
+            const __m512d column =
+                _mm512_maskz_broadcast_f64x4(kAll, _mm256_loadu_pd(p.tiles + 16 * t + 4 * k));
+            left = _mm512_sub_pd(left, _mm512_mul_pd(column, low[k]));
+            right = _mm512_sub_pd(right, _mm512_mul_pd(column, high[k]));
+        }
+        _mm512_storeu_pd(to, left);
+        _mm512_storeu_pd(to + 8, right);
+    }
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
@@ -392,6 +428,7 @@ void sum_products_of_eight(const ProductSums&, float*, float*) {}
 inline std::uint32_t bits_within_wide(const float*, const float*, float) {
     return 0;
 }
+inline void subtract_products_widest(const TileProducts&) {}
 inline bool put_units_wide(const float*, float, float*, std::size_t) {
     return false;
 }

@@ -1,6 +1,5 @@
 #include "pointmorph/registration/deformation.hpp"
 
-#include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -141,48 +140,6 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
     return edges;
 }
 
-/// Where the factor has entries, by the elimination tree (Davis, LDL, 2005).
-void analyze_factor(DeformationPattern& pattern) {
-    const auto count = to_index(pattern.matrix.cols());
-    const Index* const outer = pattern.matrix.outerIndexPtr();
-    const Index* const inner = pattern.matrix.innerIndexPtr();
-    std::vector<Index> parent(to_size(count), -1), seen(to_size(count), -1), path;
-    std::vector<std::vector<Index>> below(to_size(count));  // rows under each diagonal
-    pattern.row_begins = {0};
-    for (Index k = 0; k < count; ++k) {
-        seen[to_size(k)] = k;
-        std::vector<Index> row;
-        for (Index e = outer[k]; e < outer[k + 1]; ++e) {
-            path.clear();
-            for (Index i = inner[e]; seen[to_size(i)] != k; i = parent[to_size(i)]) {
-                if (parent[to_size(i)] < 0) parent[to_size(i)] = k;
-                path.push_back(i);
-                seen[to_size(i)] = k;
-            }
-            row.insert(row.begin(), path.begin(), path.end());
-        }
-        for (const Index i : row) {
-            pattern.row_columns.push_back(i);
-            pattern.row_places.push_back(to_index(below[to_size(i)].size()) + 1);
-            below[to_size(i)].push_back(k);
-        }
-        pattern.row_begins.push_back(to_index(pattern.row_columns.size()));
-    }
-    for (Index i = 0; i < count; ++i) {
-        pattern.columns.push_back(to_index(pattern.rows.size()));
-        pattern.rows.push_back(i);
-        pattern.rows.insert(pattern.rows.end(), below[to_size(i)].begin(), below[to_size(i)].end());
-        auto from = to_index(pattern.rows.size()) - 1;
-        while (from > pattern.columns.back() + 1 &&
-               pattern.rows[to_size(from)] == pattern.rows[to_size(from - 1)] + 1)
-            --from;
-        pattern.dense_from.push_back(from);
-    }
-    pattern.columns.push_back(to_index(pattern.rows.size()));
-    for (std::size_t e = 0; e < pattern.row_places.size(); ++e)
-        pattern.row_places[e] += pattern.columns[to_size(pattern.row_columns[e])];
-}
-
 }  // namespace
 
 DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
@@ -224,72 +181,6 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
     }
     result.pattern = deformation_pattern(result);
     return result;
-}
-
-std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationGraph& graph) {
-    const Index count = graph.size();
-    std::vector<std::vector<Index>> rows(to_size(count));  // columns ≤ row, in any order
-    const auto add = [&](Index i, Index j) {
-        rows[to_size(std::max(i, j))].push_back(std::min(i, j));
-    };
-    for (Index i = 0; i < count; ++i) {
-        add(i, i);
-        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
-             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e)
-            if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
-    }
-    for (const auto& nodes : graph.point_nodes)
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            for (std::size_t l = 0; l < k; ++l) add(nodes[k], nodes[l]);
-    std::vector<std::vector<Index>> columns(to_size(count));  // rows ≥ column, ascending, each once
-    for (Index i = 0; i < count; ++i)
-        for (const Index j : rows[to_size(i)]) {
-            std::vector<Index>& column = columns[to_size(j)];
-            if (column.empty() || column.back() != i) column.push_back(i);
-        }
-
-    DeformationPattern::Matrix lower(count, count);
-    std::vector<Eigen::Triplet<double, Index>> entries;
-    for (Index j = 0; j < count; ++j)
-        for (const Index i : columns[to_size(j)]) entries.emplace_back(i, j, 1.0);
-    lower.setFromTriplets(entries.begin(), entries.end());
-    DeformationPattern::Matrix whole = lower.selfadjointView<Eigen::Lower>();
-    Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, Index> node_of;
-    Eigen::AMDOrdering<Index>()(whole, node_of);
-    const auto row_of = node_of.inverse().eval();
-
-    DeformationPattern result;
-    result.order.assign(row_of.indices().data(), row_of.indices().data() + count);
-    result.matrix.resize(count, count);
-    result.matrix.selfadjointView<Eigen::Upper>() =
-        lower.selfadjointView<Eigen::Lower>().twistedBy(row_of);
-    std::fill_n(result.matrix.valuePtr(), result.matrix.nonZeros(), 0.0);
-
-    // Columns are short, so that counting what comes before is quicker than halving.
-    const auto place = [&](Index i, Index j) {
-        const auto [row, column] = std::minmax(result.order[to_size(i)], result.order[to_size(j)]);
-        const Index* const inner = result.matrix.innerIndexPtr();
-        Index k = result.matrix.outerIndexPtr()[column];
-        while (inner[k] != row) ++k;
-        return k;
-    };
-    result.diagonal.resize(to_size(count));
-    result.laplacian.assign(graph.edge_ends.size(), -1);
-    for (Index i = 0; i < count; ++i) {
-        result.diagonal[to_size(i)] = place(i, i);
-        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
-             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e)
-            if (graph.edge_ends[e] < i) result.laplacian[e] = place(i, graph.edge_ends[e]);
-    }
-    result.blocks.resize(graph.point_nodes.size());
-    for (std::size_t p = 0; p < result.blocks.size(); ++p) {
-        std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            for (std::size_t l = 0; l <= k; ++l)
-                result.blocks[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
-    }
-    analyze_factor(result);
-    return std::make_shared<const DeformationPattern>(std::move(result));
 }
 
 SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes) {

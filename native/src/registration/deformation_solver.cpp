@@ -11,77 +11,137 @@ namespace pointmorph {
 
 namespace {
 
-/// Row by row: what is left of a row once the columns before have been taken from it. Diagonals are
-/// stored as their inverses.
-POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, std::span<const double> matrix,
-                                   std::span<double> its_factor) {
-    const Index count = to_index(p.order.size());
-    const Index* const outer = p.matrix.outerIndexPtr();
-    const Index* const inner = p.matrix.innerIndexPtr();
-    double* const POINTMORPH_RESTRICT factor = its_factor.data();
-    std::vector<double> left(to_size(count), 0.0);
-    double* const POINTMORPH_RESTRICT row = left.data();
-    for (Index k = 0; k < count; ++k) {
-        for (Index e = outer[k]; e < outer[k + 1]; ++e) row[inner[e]] = matrix[to_size(e)];
-        double diagonal = row[k];
-        for (Index e = p.row_begins[to_size(k)]; e < p.row_begins[to_size(k) + 1]; ++e) {
-            const Index i = p.row_columns[to_size(e)], end = p.row_places[to_size(e)];
-            const Index begin = p.columns[to_size(i)];
-            const double entry = row[i] * factor[begin];
-            row[i] = 0.0;
-            const Index dense = std::min(p.dense_from[to_size(i)], end);
-            Index at = begin + 1;
-            for (; at < dense; ++at) row[p.rows[to_size(at)]] -= factor[at] * entry;
-            if (at < end) {
-                double* const POINTMORPH_RESTRICT rest = row + p.rows[to_size(at)];
-                for (Index j = 0; j < end - at; ++j) rest[j] -= factor[at + j] * entry;
-            }
-            diagonal -= entry * entry;
-            factor[end] = entry;
+constexpr std::size_t kSide = DeformationPattern::kSide, kTile = DeformationPattern::kTile;
+
+template <class Numbers>
+POINTMORPH_INLINE void subtract_products(const TileProducts& p) {
+    for (std::size_t t = 0; t < p.count; ++t) {
+        double* const to = p.sums + kTile * to_size(p.places[t]);
+        Numbers columns[kSide], sum;
+        for (std::size_t k = 0; k < kSide; ++k) load(p.tiles + kTile * t + kSide * k, columns[k]);
+        for (std::size_t c = 0; c < kSide; ++c) {
+            load(to + kSide * c, sum);
+            for (std::size_t k = 0; k < kSide; ++k) sum -= p.by[kSide * k + c] * columns[k];
+            store(sum, to + kSide * c);
         }
-        row[k] = 0.0;
-        factor[p.columns[to_size(k)]] = 1.0 / std::sqrt(std::max(diagonal, 1e-300));
     }
 }
 
-POINTMORPH_WIDE void fill_factor_wide(const DeformationPattern& pattern,
-                                      std::span<const double> matrix, std::span<double> factor) {
-    fill_factor(pattern, matrix, factor);
+void subtract_products_plainly(const TileProducts& products) {
+    subtract_products<TwoTwos>(products);
+}
+
+POINTMORPH_WIDE void subtract_products_wide(const TileProducts& products) {
+    subtract_products<Four>(products);
+}
+
+/// Cholesky's factor of a tile on the diagonal, in place. Its diagonal is stored as its inverse.
+void factorize_tile(double* tile) {
+    for (std::size_t c = 0; c < kSide; ++c) {
+        double* const column = tile + kSide * c;
+        const double inverse = 1.0 / std::sqrt(std::max(column[c], 1e-300));
+        column[c] = inverse;
+        for (std::size_t r = c + 1; r < kSide; ++r) column[r] *= inverse;
+        for (std::size_t d = c + 1; d < kSide; ++d)
+            for (std::size_t r = d; r < kSide; ++r) tile[kSide * d + r] -= column[r] * column[d];
+    }
+}
+
+/// What is left of a panel's tiles once the columns before have been taken from it, in `left`,
+/// where a tile lies by its rows.
+void take_panels_before(const DeformationPattern& p, std::size_t panel, const double* factor,
+                        double* left, void (*subtract)(const TileProducts&)) {
+    for (Index s = p.row_begins[panel]; s < p.row_begins[panel + 1]; ++s) {
+        const auto [begin, end] = p.row_tiles[to_size(s)];
+        const double* const tiles = factor + kTile * to_size(begin);
+        subtract({tiles, tiles, p.tile_rows.data() + begin, to_size(end - begin), left});
+    }
+}
+
+/// Panel by panel: what is left of it once the columns before have been taken from it.
+template <class Numbers>
+POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, const double* values,
+                                   double* factor, void (*subtract)(const TileProducts&)) {
+    std::vector<double> of_panel(kTile * p.panels());  // by their rows
+    double* const left = of_panel.data();
+    const std::size_t count = p.order.size();
+    for (std::size_t panel = 0; panel < p.panels(); ++panel) {
+        const auto begin = to_size(p.tile_begins[panel]), end = to_size(p.tile_begins[panel + 1]);
+        for (std::size_t t = begin; t < end; ++t)
+            std::fill_n(left + kTile * to_size(p.tile_rows[t]), kTile, 0.0);
+        for (Index v = p.value_begins[panel]; v < p.value_begins[panel + 1]; ++v)
+            left[p.value_places[to_size(v)]] = values[to_size(v)];
+        double* const first = left + kTile * panel;
+        for (std::size_t k = kSide * panel; k < kSide * (panel + 1); ++k)
+            if (k >= count) first[(kSide + 1) * (k % kSide)] = 1.0;  // the last panel may be wider
+        take_panels_before(p, panel, factor, left, subtract);
+        factorize_tile(first);
+        std::copy_n(first, kTile, factor + kTile * begin);
+        for (std::size_t t = begin + 1; t < end; ++t) {
+            Numbers columns[kSide];
+            for (std::size_t c = 0; c < kSide; ++c) {
+                load(left + kTile * to_size(p.tile_rows[t]) + kSide * c, columns[c]);
+                for (std::size_t k = 0; k < c; ++k) columns[c] -= first[kSide * k + c] * columns[k];
+                columns[c] = first[(kSide + 1) * c] * columns[c];
+                store(columns[c], factor + kTile * t + kSide * c);
+            }
+        }
+    }
+}
+
+POINTMORPH_WIDE void fill_factor_wide(const DeformationPattern& pattern, const double* values,
+                                      double* factor) {
+    fill_factor<Four>(pattern, values, factor,
+                      has_widest_registers() ? subtract_products_widest : subtract_products_wide);
 }
 
 /// Solves L Lᵀ x = b for three right sides at once, in place.
-POINTMORPH_INLINE void substitute(const DeformationPattern& p, std::span<const double> factor,
+template <class Numbers>
+POINTMORPH_INLINE void substitute(const DeformationPattern& p, const double* factor,
                                   std::vector<PaddedColumn>& sides) {
-    const std::size_t count = sides.size();
-    Four here, there;
-    for (std::size_t k = 0; k < count; ++k) {
-        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
-        std::memcpy(&here, sides[k].data(), sizeof here);
-        here = factor[begin] * here;
-        std::memcpy(sides[k].data(), &here, sizeof here);
-        for (std::size_t at = begin + 1; at < end; ++at) {
-            double* const row = sides[to_size(p.rows[at])].data();
-            std::memcpy(&there, row, sizeof there);
-            there -= factor[at] * here;
-            std::memcpy(row, &there, sizeof there);
+    Numbers own[kSide], its;
+    for (std::size_t panel = 0; panel < p.panels(); ++panel) {
+        const auto begin = to_size(p.tile_begins[panel]), end = to_size(p.tile_begins[panel + 1]);
+        const double* tile = factor + kTile * begin;
+        for (std::size_t c = 0; c < kSide; ++c) {
+            load(sides[kSide * panel + c], own[c]);
+            for (std::size_t k = 0; k < c; ++k) own[c] -= tile[kSide * k + c] * own[k];
+            own[c] = tile[(kSide + 1) * c] * own[c];
+            store(own[c], sides[kSide * panel + c]);
+        }
+        for (std::size_t t = begin + 1; t < end; ++t) {
+            tile += kTile;
+            PaddedColumn* const rows = sides.data() + kSide * to_size(p.tile_rows[t]);
+            for (std::size_t r = 0; r < kSide; ++r) {
+                load(rows[r], its);
+                for (std::size_t c = 0; c < kSide; ++c) its -= tile[kSide * c + r] * own[c];
+                store(its, rows[r]);
+            }
         }
     }
-    for (std::size_t k = count; k-- > 0;) {
-        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
-        std::memcpy(&here, sides[k].data(), sizeof here);
-        for (std::size_t at = begin + 1; at < end; ++at) {
-            std::memcpy(&there, sides[to_size(p.rows[at])].data(), sizeof there);
-            here -= factor[at] * there;
+    for (std::size_t panel = p.panels(); panel-- > 0;) {
+        const auto begin = to_size(p.tile_begins[panel]), end = to_size(p.tile_begins[panel + 1]);
+        for (std::size_t c = 0; c < kSide; ++c) load(sides[kSide * panel + c], own[c]);
+        for (std::size_t t = begin + 1; t < end; ++t) {
+            const double* const tile = factor + kTile * t;
+            const PaddedColumn* const rows = sides.data() + kSide * to_size(p.tile_rows[t]);
+            for (std::size_t r = 0; r < kSide; ++r) {
+                load(rows[r], its);
+                for (std::size_t c = 0; c < kSide; ++c) own[c] -= tile[kSide * c + r] * its;
+            }
         }
-        here = factor[begin] * here;
-        std::memcpy(sides[k].data(), &here, sizeof here);
+        const double* const tile = factor + kTile * begin;
+        for (std::size_t c = kSide; c-- > 0;) {
+            for (std::size_t k = c + 1; k < kSide; ++k) own[c] -= tile[kSide * c + k] * own[k];
+            own[c] = tile[(kSide + 1) * c] * own[c];
+            store(own[c], sides[kSide * panel + c]);
+        }
     }
 }
 
-POINTMORPH_WIDE void substitute_wide(const DeformationPattern& pattern,
-                                     std::span<const double> factor,
+POINTMORPH_WIDE void substitute_wide(const DeformationPattern& pattern, const double* factor,
                                      std::vector<PaddedColumn>& sides) {
-    substitute(pattern, factor, sides);
+    substitute<Four>(pattern, factor, sides);
 }
 
 /// What the nodes are drawn to: the right sides of the system, by its rows.
@@ -91,6 +151,7 @@ public:
                const DeformationPattern& pattern, const Deformation& deformation)
         : positions_(positions), graph_(graph), pattern_(pattern) {
         // X(p) = Σ w (x_k + linear_k p − constant_k)
+        moves_.reserve(to_size(graph.size()));
         for (Index k = 0; k < graph.size(); ++k) {
             const Matrix3 linear = deformation.scales[k] * deformation.rotations[to_size(k)];
             const Vector3 constant =
@@ -184,13 +245,13 @@ DeformationSolver::DeformationSolver(const Positions& positions, const Deformati
     : positions_(positions),
       graph_(graph),
       pattern_(*graph.pattern),
-      matrix_(to_size(graph.pattern->matrix.nonZeros())),
-      factor_(graph.pattern->rows.size()) {}
+      values_(pattern_.value_places.size()),
+      factor_(kTile * pattern_.tile_rows.size()) {}
 
 void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
     stiffness_ = stiffness;
-    double* const values = matrix_.data();
-    std::ranges::fill(matrix_, 0.0);
+    double* const values = values_.data();
+    std::ranges::fill(values_, 0.0);
     // A trace of the identity holds what nothing else holds.
     for (Index i = 0; i < graph_.size(); ++i) values[pattern_.diagonal[to_size(i)]] = 1e-9;
     for (Index i = 0; i < graph_.size(); ++i)
@@ -202,27 +263,29 @@ void DeformationSolver::factorize(double stiffness, std::span<const Attraction> 
         }
     for (const Attraction& a : attractions) {
         const auto& weights = graph_.point_weights[to_size(a.point)];
-        const auto& nodes = graph_.point_nodes[to_size(a.point)];
         const auto& block = pattern_.blocks[to_size(a.point)];
         std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
-            for (std::size_t l = 0; l <= k; ++l, ++b)
-                values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
-                                    weights[k] * weights[l];
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {  // no node twice but with a weight of 0
+            const double weight = a.weight * weights[k];
+            for (std::size_t l = 0; l <= k; ++l, ++b) values[block[b]] += weight * weights[l];
+        }
     }
-    (has_wide_registers() ? fill_factor_wide : fill_factor)(pattern_, matrix_, factor_);
+    if (has_wide_registers())
+        fill_factor_wide(pattern_, values, factor_.data());
+    else
+        fill_factor<TwoTwos>(pattern_, values, factor_.data(), subtract_products_plainly);
 }
 
 void DeformationSolver::solve(std::span<const Attraction> attractions,
                               Deformation& deformation) const {
     const RightSides sides(positions_, graph_, pattern_, deformation);
-    std::vector<PaddedColumn> right(to_size(graph_.size()), PaddedColumn{});
+    std::vector<PaddedColumn> right(kSide * pattern_.panels(), PaddedColumn{});
     if (has_wide_registers()) {
         sides.add_up_wide(stiffness_, attractions, right);
-        substitute_wide(pattern_, factor_, right);
+        substitute_wide(pattern_, factor_.data(), right);
     } else {
         sides.add_up<TwoTwos>(stiffness_, attractions, right);
-        substitute(pattern_, factor_, right);
+        substitute<TwoTwos>(pattern_, factor_.data(), right);
     }
     deformation.positions.resize(graph_.size(), 3);
     for (Index i = 0; i < graph_.size(); ++i)

@@ -24,13 +24,21 @@ inline PaddedColumns padded(const Matrix3& matrix) {
 
 /// `Numbers` are four doubles.
 template <class Numbers>
+POINTMORPH_INLINE void load(const double* from, Numbers& numbers) {
+    std::memcpy(&numbers, from, sizeof numbers);
+}
+template <class Numbers>
 POINTMORPH_INLINE void load(const PaddedColumn& column, Numbers& numbers) {
-    std::memcpy(&numbers, column.data(), sizeof numbers);
+    load(column.data(), numbers);
 }
 
 template <class Numbers>
+POINTMORPH_INLINE void store(const Numbers& numbers, double* to) {
+    std::memcpy(to, &numbers, sizeof numbers);
+}
+template <class Numbers>
 POINTMORPH_INLINE void store(const Numbers& numbers, PaddedColumn& column) {
-    std::memcpy(column.data(), &numbers, sizeof numbers);
+    store(numbers, column.data());
 }
 
 template <class Numbers>

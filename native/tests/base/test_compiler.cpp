@@ -7,6 +7,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <memory>
 #include <new>
@@ -48,6 +49,32 @@ TEST(Compiler, TwoNumbersSideBySideAreTheSameInARegister) {
         for (double& v : values) v = uniform(random);
         EXPECT_EQ(squares<Two>(values), squares<PlainTwo>(values));
     }
+}
+
+std::vector<double> random_numbers(std::size_t count, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+    std::vector<double> numbers(count);
+    for (double& number : numbers) number = uniform(random);
+    return numbers;
+}
+
+TEST(Compiler, ProductsOfTilesAreRoundedBeforeTheyAreTaken) {
+    if (!has_widest_registers()) GTEST_SKIP() << "There are no registers of eight here.";
+    constexpr std::size_t kTiles = 3;
+    const std::vector<double> by = random_numbers(16, 1), tiles = random_numbers(16 * kTiles, 2);
+    const std::array<std::int32_t, kTiles> places{4, 0, 3};
+    std::vector<double> sums = random_numbers(16 * 5, 3), expected = sums;
+    for (std::size_t t = 0; t < kTiles; ++t)
+        for (std::size_t column = 0; column < 4; ++column)
+            for (std::size_t row = 0; row < 4; ++row)
+                for (std::size_t k = 0; k < 4; ++k) {
+                    const double product = by[4 * k + column] * tiles[16 * t + 4 * k + row];
+                    expected[16 * static_cast<std::size_t>(places[t]) + 4 * column + row] -=
+                        product;
+                }
+    subtract_products_widest({by.data(), tiles.data(), places.data(), kTiles, sums.data()});
+    EXPECT_EQ(sums, expected);
 }
 
 TEST(Compiler, RootsOfSeveralFloatsAreThoseOfEach) {

@@ -2,7 +2,6 @@
 // deformation, Sumner et al. 2007, with as-rigid-as-possible rotations, Sorkine and Alexa 2007).
 #pragma once
 
-#include <Eigen/SparseCore>
 #include <array>
 #include <memory>
 #include <span>
@@ -16,26 +15,35 @@ namespace pointmorph {
 
 constexpr int kNodesPerPoint = 6;
 
-/// Where the entries lie of the equations that a graph's deformations are solved from, with the
-/// nodes in an order that keeps factors sparse (approximate minimum degree, Amestoy et al. 1996).
+/// Where the entries lie of the equations that a graph's deformations are solved from, and those of
+/// their lower triangular factor L of L Lᵀ. Nodes are in an order that keeps factors sparse
+/// (approximate minimum degree, Amestoy et al. 1996). Four columns are a panel; of that, four rows
+/// are a tile, in which one column comes after the other.
 struct DeformationPattern {
-    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+    static constexpr Index kSide = 4;
+    static constexpr std::size_t kTile = kSide * kSide;
     static constexpr std::size_t kProducts = kNodesPerPoint * (kNodesPerPoint + 1) / 2;
 
-    std::vector<Index> order;      ///< row of each node
-    Matrix matrix;                 ///< upper half, all 0
-    std::vector<Index> laplacian;  ///< place of each edge (i > j) in the values, else −1
-    std::vector<Index> diagonal;   ///< place of each node's diagonal
-    std::vector<std::array<Index, kProducts>> blocks;  ///< places of each point's weights' products
+    std::vector<Index> order;  ///< row of each node
 
-    // The lower triangular factor L of L Lᵀ, by columns, each from its diagonal down:
-    std::vector<Index> columns;     ///< where each begins
-    std::vector<Index> rows;        ///< of all entries
-    std::vector<Index> dense_from;  ///< of each column: from there on no row is left out
-    // … and in the order in which it is filled, row by row, the diagonal left out:
-    std::vector<Index> row_begins;
-    std::vector<Index> row_columns;  ///< what comes before in a row needs nothing that comes after
-    std::vector<Index> row_places;   ///< where each lies in the columns
+    // Values of the equations, panel by panel:
+    std::vector<Index> laplacian;                      ///< place of each edge (i > j), else −1
+    std::vector<Index> diagonal;                       ///< place of each node's diagonal
+    std::vector<std::array<Index, kProducts>> blocks;  ///< places of each point's weights' products
+    std::vector<Index> value_begins;                   ///< of each panel
+    std::vector<Index> value_places;  ///< of each value, where all tiles of its panel are kept
+
+    // Tiles of the factor that aren't empty, panel by panel, from the diagonal down:
+    std::vector<Index> tile_begins;  ///< of each panel
+    std::vector<Index> tile_rows;    ///< the number of rows above each, over four
+    /// Those to the left of each panel's own rows: from which tile on a panel before it matters.
+    struct Tiles {
+        Index begin, end;
+    };
+    std::vector<Index> row_begins;  ///< of each panel
+    std::vector<Tiles> row_tiles;
+
+    std::size_t panels() const { return tile_begins.size() - 1; }
 };
 
 /// Nodes of a cloud, which of them each point hangs on, and which hold one another.
@@ -126,8 +134,7 @@ private:
     const DeformationGraph& graph_;
     const DeformationPattern& pattern_;
     double stiffness_ = 0.0;
-    std::vector<double> matrix_;  ///< values of the pattern's
-    std::vector<double> factor_;  ///< of its columns
+    std::vector<double> values_, factor_;  ///< of the pattern
 };
 
 }  // namespace pointmorph
