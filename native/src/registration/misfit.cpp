@@ -31,9 +31,6 @@ struct RegisteredShape {
     ProductPoints targets(double normal_weight) const {
         return product_points(oriented(shape), oriented(images), normal_weight);
     }
-    ProductKeys seekers_at(const std::vector<Index>& rows, double normal_weight) const {
-        return {gather(seekers(normal_weight), rows), labels_of(shape, rows)};
-    }
 };
 
 /// 1 for nodes without a counterpart: those that are matched with an end of the other shape, and
@@ -77,25 +74,32 @@ struct Counted {
 };
 
 /// Mean difference between distances along one surface and along the other, between the nodes of
-/// the coarsest level and their images.
-double geodesic_distortion(const RegisteredShape& here, const RegisteredShape& there,
-                           const Eigen::MatrixXd& here_distances,
-                           const Eigen::MatrixXd& there_distances, double normal_weight,
-                           const Counted& counted, Progress& progress) {
-    const auto& graph = here.shape.levels.front();
-    const auto& other = there.shape.levels.front();
-    const ProductKeys to(gather(there.targets(normal_weight), other.node_rows),
-                         labels_of(there.shape, other.node_rows));
-    const Matches matches =
-        nearest_of(here.seekers_at(graph.node_rows, normal_weight), to, progress);
-    std::vector<Index> nodes;
-    for (Index k = 0; k < graph.size(); ++k)
-        if (counted.has(graph.node_rows[to_size(k)])) nodes.push_back(k);
-    double sum = 0.0;
-    for (const Index j : nodes)
-        for (const Index i : nodes)
-            sum += std::abs(counted.growth * here_distances(i, j) -
-                            there_distances(matches.to[to_size(i)], matches.to[to_size(j)]));
+/// the coarsest level and the other shape's nodes that they were matched with.
+double geodesic_distortion(const Eigen::MatrixXd& here_distances,
+                           const Eigen::MatrixXd& there_distances, const std::vector<Index>& to,
+                           const CoarseShape& here, const Counted& counted) {
+    const std::vector<Index>& rows = here.levels.front().node_rows;
+    std::vector<Index> nodes, ends;
+    for (std::size_t k = 0; k < rows.size(); ++k)
+        if (counted.has(rows[k])) {
+            nodes.push_back(to_index(k));
+            ends.push_back(to[k]);
+        }
+    // In several sums, of which none waits for another.
+    constexpr std::size_t kSums = 4;
+    std::array<double, kSums> sums{};
+    for (std::size_t j = 0; j < nodes.size(); ++j) {
+        const double* const own = here_distances.col(nodes[j]).data();
+        const double* const across = there_distances.col(ends[j]).data();
+        const auto add = [&](std::size_t i, double& sum) {
+            sum += std::abs(counted.growth * own[nodes[i]] - across[ends[i]]);
+        };
+        std::size_t i = 0;
+        for (; i + kSums <= nodes.size(); i += kSums)
+            for (std::size_t k = 0; k < kSums; ++k) add(i + k, sums[k]);
+        for (; i < nodes.size(); ++i) add(i, sums[i % kSums]);
+    }
+    const double sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
     return sum / std::max<double>(1.0, std::pow(static_cast<double>(nodes.size()), 2));
 }
 
@@ -205,16 +209,25 @@ Misfit registration_misfit(const CoarsePair& shapes, Index level, const Registra
     for (const std::size_t k : {0u, 1u}) {
         const RegisteredShape &here = both[k], &there = both[1 - k];
         const DeformationGraph& graph = here.shape.levels[to_size(level)];
-        const ProductKeys all(there.targets(options.normal_weight), there.shape.labels);
-        const Matches matches =
-            nearest_of(here.seekers_at(graph.node_rows, options.normal_weight), all, progress);
+        const ProductPoints seekers = here.seekers(options.normal_weight);
+        ProductPoints targets = there.targets(options.normal_weight);
+        const auto keys_at = [](const CoarseShape& shape, const ProductPoints& points,
+                                const std::vector<Index>& rows) {
+            return ProductKeys(gather(points, rows), labels_of(shape, rows));
+        };
+        const auto& coarsest = here.shape.levels.front().node_rows;
+        const Matches at_nodes = nearest_of(
+            keys_at(here.shape, seekers, coarsest),
+            keys_at(there.shape, targets, there.shape.levels.front().node_rows), progress);
+        const Matches matches = nearest_of(keys_at(here.shape, seekers, graph.node_rows),
+                                           {std::move(targets), there.shape.labels}, progress);
         const std::vector<char> left_over = left_over_nodes(here.shape, graph, there, matches.to);
         Counted counted{graph, left_over};
         if (!here.shape.ends.empty() || !there.shape.ends.empty())
             counted.growth = growth(here, left_over);
         add_gaps(here, there, graph, matches, left_over, sums);
-        sums.geodesics += 0.5 * geodesic_distortion(here, there, distances[k], distances[1 - k],
-                                                    options.normal_weight, counted, progress);
+        sums.geodesics += 0.5 * geodesic_distortion(distances[k], distances[1 - k], at_nodes.to,
+                                                    here.shape, counted);
         add_bending(here, graph, sums);
     }
     return sums;
