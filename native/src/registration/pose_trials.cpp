@@ -314,10 +314,17 @@ void rate(const PoseSearch& search, Candidate& map) {
     map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
 }
 
+namespace {
+
+Values distances(const Positions& x, const Positions& y) {
+    return (x - y).rowwise().norm();
+}
+
+}  // namespace
+
 double difference(const NodePlaces& a, const NodePlaces& b) {
     constexpr double kWorst = 0.03, kShare = 0.35;
-    const auto apart = [](const Positions& x, const Positions& y) {
-        Values distances = (x - y).rowwise().norm();
+    const auto apart = [](Values distances) {
         const Eigen::Index count = distances.size();
         const Eigen::Index worst =
             std::max<Eigen::Index>(1, std::lround(kWorst * static_cast<double>(count)));
@@ -326,7 +333,12 @@ double difference(const NodePlaces& a, const NodePlaces& b) {
                          std::greater<>());
         return std::max(mean, kShare * distances.head(worst).mean());
     };
-    return std::max(apart(a.source, b.source), apart(a.target, b.target));
+    return std::max(apart(distances(a.source, b.source)), apart(distances(a.target, b.target)));
+}
+
+bool differ_by_less(const NodePlaces& a, const NodePlaces& b, double distinct) {
+    return distances(a.source, b.source).mean() < distinct &&
+           distances(a.target, b.target).mean() < distinct && difference(a, b) < distinct;
 }
 
 std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities) {

@@ -111,6 +111,9 @@ NodePlaces node_places(const Map& map) {
 /// more, of the distances between a node's two places; on that shape where it is more.
 double difference(const NodePlaces& a, const NodePlaces& b);
 
+/// Whether it is less: mostly told without it.
+bool differ_by_less(const NodePlaces& a, const NodePlaces& b, double distinct);
+
 template <class Map>
 double difference(const Map& a, const Map& b) {
     return difference(node_places(a), node_places(b));
@@ -126,8 +129,9 @@ void keep_distinct(std::vector<Map>& maps, double distinct) {
     std::vector<NodePlaces> theirs;  // asked for often
     for (Map& map : maps) {
         NodePlaces its = node_places(map);
-        if (std::ranges::any_of(
-                theirs, [&](const NodePlaces& other) { return difference(its, other) < distinct; }))
+        if (std::ranges::any_of(theirs, [&](const NodePlaces& other) {
+                return differ_by_less(its, other, distinct);
+            }))
             continue;
         kept.push_back(std::move(map));
         theirs.push_back(std::move(its));

@@ -58,6 +58,11 @@ TEST(PoseTrials, ALimbThatLiesElsewhereMakesMapsDiffer) {
     limb.registration.target.positions(7, 1) += 1.0;  // one node of twenty: .05 in the mean
     EXPECT_NEAR(difference(plain, limb), 0.35, 1e-12);
     EXPECT_EQ(difference(plain, limb), difference(limb, plain));
+    const NodePlaces places = node_places(plain);
+    for (const Trial& other : {plain, shifted(1.0, 0.3), limb})
+        for (const double distinct : {0.0, 0.04, 0.06, 0.29, 0.31, 0.34, 0.36, 0.6})
+            EXPECT_EQ(differ_by_less(places, node_places(other), distinct),
+                      difference(plain, other) < distinct);
 }
 
 TEST(PoseTrials, ARankingThatTheTrialsReverseIsInDoubt) {
