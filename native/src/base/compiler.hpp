@@ -187,6 +187,13 @@ struct TileProducts {
     double* sums;
 };
 
+/// Sixteen points, axis by axis, and one whose squared distances from them are asked for where any
+/// is less than a limit.
+struct SixteenPoints {
+    const double *coordinates, *from;
+    double limit;
+};
+
 /// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(), those with
 /// POINTMORPH_FUSED where has_fused_products(), and those with POINTMORPH_WIDEST where
 /// has_widest_registers(); each of them says that the ones before are true as well. Not on Windows:
@@ -410,6 +417,57 @@ POINTMORPH_WIDEST inline void subtract_products_widest(const TileProducts& p) {
         _mm512_storeu_pd(to + 8, right);
     }
 }
+/// Which squared distances are less than the limit, a bit each. Where half of the axes show that
+/// none is, they aren't written.
+template <std::size_t kAxes>
+POINTMORPH_WIDE std::uint32_t squares_of_sixteen_wide(const SixteenPoints& p, double* squared) {
+    const __m256d limit = _mm256_set1_pd(p.limit);
+    __m256d sums[4]{};
+    for (std::size_t axis = 0; axis < kAxes; ++axis) {
+        const __m256d from = _mm256_set1_pd(p.from[axis]);
+#pragma GCC unroll 4
+        for (std::size_t k = 0; k < 4; ++k) {
+            const __m256d to =
+                _mm256_sub_pd(from, _mm256_loadu_pd(p.coordinates + 16 * axis + 4 * k));
+            sums[k] = _mm256_add_pd(sums[k], _mm256_mul_pd(to, to));
+        }
+        if (axis + 1 != kAxes / 2) continue;
+        const __m256d least =
+            _mm256_min_pd(_mm256_min_pd(sums[0], sums[1]), _mm256_min_pd(sums[2], sums[3]));
+        if (_mm256_movemask_pd(_mm256_cmp_pd(least, limit, _CMP_LT_OQ)) == 0) return 0;
+    }
+    std::uint32_t bits = 0;
+#pragma GCC unroll 4
+    for (unsigned k = 0; k < 4; ++k) {
+        _mm256_storeu_pd(squared + 4 * k, sums[k]);
+        const __m256d is_less = _mm256_cmp_pd(sums[k], limit, _CMP_LT_OQ);
+        bits |= std::bit_cast<std::uint32_t>(_mm256_movemask_pd(is_less)) << (4 * k);
+    }
+    return bits;
+}
+/// The same.
+template <std::size_t kAxes>
+POINTMORPH_WIDEST std::uint32_t squares_of_sixteen_widest(const SixteenPoints& p, double* squared) {
+    const __m512d limit = _mm512_set1_pd(p.limit);
+    __m512d low = _mm512_setzero_pd(), high = low;
+    for (std::size_t axis = 0; axis < kAxes; ++axis) {
+        const __m512d from = _mm512_set1_pd(p.from[axis]);
+        const double* const at = p.coordinates + 16 * axis;
+        const __m512d to_low = _mm512_sub_pd(from, _mm512_loadu_pd(at)),
+                      to_high = _mm512_sub_pd(from, _mm512_loadu_pd(at + 8));
+        low = _mm512_add_pd(low, _mm512_mul_pd(to_low, to_low));
+        high = _mm512_add_pd(high, _mm512_mul_pd(to_high, to_high));
+        if (axis + 1 != kAxes / 2) continue;
+        if ((_mm512_cmp_pd_mask(low, limit, _CMP_LT_OQ) |
+             _mm512_cmp_pd_mask(high, limit, _CMP_LT_OQ)) == 0)
+            return 0;
+    }
+    _mm512_storeu_pd(squared, low);
+    _mm512_storeu_pd(squared + 8, high);
+    const std::uint32_t of_low = _mm512_cmp_pd_mask(low, limit, _CMP_LT_OQ),
+                        of_high = _mm512_cmp_pd_mask(high, limit, _CMP_LT_OQ);
+    return of_low | of_high << 8;
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
@@ -429,6 +487,14 @@ inline std::uint32_t bits_within_wide(const float*, const float*, float) {
     return 0;
 }
 inline void subtract_products_widest(const TileProducts&) {}
+template <std::size_t>
+std::uint32_t squares_of_sixteen_wide(const SixteenPoints&, double*) {
+    return 0;
+}
+template <std::size_t>
+std::uint32_t squares_of_sixteen_widest(const SixteenPoints&, double*) {
+    return 0;
+}
 inline bool put_units_wide(const float*, float, float*, std::size_t) {
     return false;
 }

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <tuple>
@@ -354,6 +356,8 @@ protected:
     static bool look_at(const Leaf& leaf, const double* query, Result& result) {
         if constexpr (kFew)
             return look_at_all(leaf, query, result);
+        else if (has_wide_registers())
+            return look_at_sixteen(leaf, query, result);
         else
             return look_by_eights(leaf, query, result);
     }
@@ -389,6 +393,23 @@ protected:
             squared[2 * k + 1] = sum[1];
         }
         return add_near(squared.data(), leaf.rows, leaf.size, result);
+    }
+
+    template <class Result>
+    static bool look_at_sixteen(const Leaf& leaf, const double* query, Result& result) {
+        static_assert(kSize == 16);
+        std::array<double, kSize> squared;
+        const SixteenPoints points{leaf.coordinates, query, result.worstDist()};
+        std::uint32_t bits = has_widest_registers()
+                                 ? squares_of_sixteen_widest<Dim>(points, squared.data())
+                                 : squares_of_sixteen_wide<Dim>(points, squared.data());
+        bits &= (std::uint32_t{1} << leaf.size) - 1;
+        for (; bits != 0; bits &= bits - 1) {
+            const auto k = static_cast<std::size_t>(std::countr_zero(bits));
+            if (squared[k] < result.worstDist() && !result.addPoint(squared[k], leaf.rows[k]))
+                return false;
+        }
+        return true;
     }
 
     template <class Result>

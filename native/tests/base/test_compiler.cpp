@@ -59,6 +59,35 @@ std::vector<double> random_numbers(std::size_t count, unsigned seed) {
     return numbers;
 }
 
+TEST(Compiler, SixteenSquaredDistancesAreThoseOfEachPoint) {
+    constexpr std::size_t kAxes = 12;
+    using Version = std::uint32_t (*)(const SixteenPoints&, double*);
+    std::vector<Version> versions;
+    if (has_wide_registers()) versions.push_back(squares_of_sixteen_wide<kAxes>);
+    if (has_widest_registers()) versions.push_back(squares_of_sixteen_widest<kAxes>);
+    if (versions.empty()) GTEST_SKIP() << "There are no wide registers here.";
+    const std::vector<double> coordinates = random_numbers(16 * kAxes, 1),
+                              from = random_numbers(kAxes, 2);
+    std::array<double, 16> expected{};
+    double half = 0.0;  // of the axes, the least
+    for (std::size_t axis = 0; axis < kAxes; ++axis) {
+        for (std::size_t k = 0; k < 16; ++k) {
+            const double to = from[axis] - coordinates[16 * axis + k];
+            expected[k] += to * to;
+        }
+        if (axis + 1 == kAxes / 2) half = *std::ranges::min_element(expected);
+    }
+    for (const Version squares_of_sixteen : versions)
+        for (const double limit : {expected[3], expected[11], 100.0, 0.0, half}) {
+            std::array<double, 16> squared{};
+            const std::uint32_t bits =
+                squares_of_sixteen({coordinates.data(), from.data(), limit}, squared.data());
+            for (unsigned k = 0; k < 16; ++k) EXPECT_EQ(bits >> k & 1, expected[k] < limit) << k;
+            const bool is_written = limit > half;
+            EXPECT_EQ(squared, is_written ? expected : (std::array<double, 16>{}));
+        }
+}
+
 TEST(Compiler, ProductsOfTilesAreRoundedBeforeTheyAreTaken) {
     if (!has_widest_registers()) GTEST_SKIP() << "There are no registers of eight here.";
     constexpr std::size_t kTiles = 3;
