@@ -178,6 +178,11 @@ struct ProductSums {
     std::size_t stride;  ///< number of columns, a multiple of 32
 };
 
+/// The least of each row, and of each column, which is that from before if that is less.
+struct LeastSums {
+    float *of_rows, *of_columns;
+};
+
 /// Tiles of 4 by 4 numbers, one column after the other. Each of `tiles` times the transpose of `by`
 /// is taken from the one of `sums` that its place says.
 struct TileProducts {
@@ -291,11 +296,11 @@ inline bool has_fused_products() {
 inline bool has_widest_registers() {
     return has_fused_products() && __builtin_cpu_supports("avx512f");
 }
-/// Writes the sums of four rows, one row after the other, and the least of each row. Products
+/// Writes the sums of four rows, one row after the other, and the least of them. Products
 /// aren't rounded before they are added, so that last digits differ from those of other versions.
 template <std::size_t kFactors>
-POINTMORPH_FUSED void sum_products_of_four(const ProductSums& p, float* POINTMORPH_RESTRICT sums,
-                                           float* POINTMORPH_RESTRICT least) {
+POINTMORPH_FUSED void sum_products_of_four(const ProductSums& p, const LeastSums& least,
+                                           float* POINTMORPH_RESTRICT sums) {
     constexpr std::size_t kRows = 4, kLanes = 8;
     __m256 low[kRows];
     for (__m256& its : low) its = _mm256_set1_ps(std::numeric_limits<float>::infinity());
@@ -326,17 +331,26 @@ POINTMORPH_FUSED void sum_products_of_four(const ProductSums& p, float* POINTMOR
             _mm256_storeu_ps(sums + r * p.stride + at, left[r]);
             _mm256_storeu_ps(sums + r * p.stride + at + kLanes, right[r]);
         }
+        float* const of_columns = least.of_columns + at;
+        __m256 c = _mm256_loadu_ps(of_columns), d = _mm256_loadu_ps(of_columns + kLanes);
+#pragma GCC unroll 4
+        for (std::size_t r = 0; r < kRows; ++r) {
+            c = _mm256_min_ps(c, left[r]);
+            d = _mm256_min_ps(d, right[r]);
+        }
+        _mm256_storeu_ps(of_columns, c);
+        _mm256_storeu_ps(of_columns + kLanes, d);
     }
     for (std::size_t r = 0; r < kRows; ++r) {
         std::array<float, kLanes> each;
         _mm256_storeu_ps(each.data(), low[r]);
-        least[r] = *std::min_element(each.begin(), each.end());
+        least.of_rows[r] = *std::min_element(each.begin(), each.end());
     }
 }
 /// The same of eight rows.
 template <std::size_t kFactors>
-POINTMORPH_WIDEST void sum_products_of_eight(const ProductSums& p, float* POINTMORPH_RESTRICT sums,
-                                             float* POINTMORPH_RESTRICT least) {
+POINTMORPH_WIDEST void sum_products_of_eight(const ProductSums& p, const LeastSums& least,
+                                             float* POINTMORPH_RESTRICT sums) {
     constexpr std::size_t kRows = 8, kLanes = 16;
     __m512 low[kRows];
     for (__m512& its : low) its = _mm512_set1_ps(std::numeric_limits<float>::infinity());
@@ -370,11 +384,20 @@ POINTMORPH_WIDEST void sum_products_of_eight(const ProductSums& p, float* POINTM
             _mm512_storeu_ps(sums + r * p.stride + at, left[r]);
             _mm512_storeu_ps(sums + r * p.stride + at + kLanes, right[r]);
         }
+        float* const of_columns = least.of_columns + at;
+        __m512 c = _mm512_loadu_ps(of_columns), d = _mm512_loadu_ps(of_columns + kLanes);
+#pragma GCC unroll 8
+        for (std::size_t r = 0; r < kRows; ++r) {
+            c = _mm512_maskz_min_ps(0xffff, c, left[r]);
+            d = _mm512_maskz_min_ps(0xffff, d, right[r]);
+        }
+        _mm512_storeu_ps(of_columns, c);
+        _mm512_storeu_ps(of_columns + kLanes, d);
     }
     for (std::size_t r = 0; r < kRows; ++r) {
         std::array<float, kLanes> each;
         _mm512_storeu_ps(each.data(), low[r]);
-        least[r] = *std::min_element(each.begin(), each.end());
+        least.of_rows[r] = *std::min_element(each.begin(), each.end());
     }
 }
 /// Which of 32 numbers are no more than `limit` or than a limit of their own, a bit each.
@@ -387,6 +410,20 @@ POINTMORPH_WIDE inline std::uint32_t bits_within_wide(const float* numbers, cons
         const __m256 most = _mm256_max_ps(_mm256_loadu_ps(limits + k), of_all);
         const __m256 is_within = _mm256_cmp_ps(_mm256_loadu_ps(numbers + k), most, _CMP_LE_OQ);
         bits |= std::bit_cast<std::uint32_t>(_mm256_movemask_ps(is_within)) << k;
+    }
+    return bits;
+}
+/// The same.
+POINTMORPH_WIDEST inline std::uint32_t bits_within_widest(const float* numbers, const float* limits,
+                                                          float limit) {
+    const __m512 of_all = _mm512_set1_ps(limit);
+    std::uint32_t bits = 0;
+#pragma GCC unroll 2
+    for (unsigned k = 0; k < 32; k += 16) {
+        const __m512 most = _mm512_maskz_max_ps(0xffff, _mm512_loadu_ps(limits + k), of_all);
+        const std::uint32_t its =
+            _mm512_cmp_ps_mask(_mm512_loadu_ps(numbers + k), most, _CMP_LE_OQ);
+        bits |= its << k;
     }
     return bits;
 }
@@ -480,10 +517,13 @@ inline bool has_widest_registers() {
     return false;
 }
 template <std::size_t>
-void sum_products_of_four(const ProductSums&, float*, float*) {}
+void sum_products_of_four(const ProductSums&, const LeastSums&, float*) {}
 template <std::size_t>
-void sum_products_of_eight(const ProductSums&, float*, float*) {}
+void sum_products_of_eight(const ProductSums&, const LeastSums&, float*) {}
 inline std::uint32_t bits_within_wide(const float*, const float*, float) {
+    return 0;
+}
+inline std::uint32_t bits_within_widest(const float*, const float*, float) {
     return 0;
 }
 inline void subtract_products_widest(const TileProducts&) {}

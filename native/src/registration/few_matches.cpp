@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/compiler.hpp"
+#include "base/unset.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
@@ -76,7 +77,7 @@ struct InFloats {
           target(t),
           padded((to_size(t.rows()) + kBlock - 1) / kBlock * kBlock),
           sources(kAxes * (to_size(s.rows()) + kStrip), 0.0f),
-          source_squares(to_size(s.rows()) + kStrip, 0.0f),
+          source_squares(to_size(s.rows()) + kStrip, kFar),
           targets(kAxes * padded, 0.0f),
           target_squares(padded, kFar) {
         double longest_source = 0.0, longest_target = 0.0;
@@ -101,8 +102,9 @@ struct InFloats {
     }
 };
 
-/// Squared distances of four sources to all targets, and the least of each source.
-void sum_products_plainly(const ProductSums& p, float* sums, float* least) {
+/// Squared distances of four sources to all targets, the least of each source, and of each target
+/// if it is less than before.
+void sum_products_plainly(const ProductSums& p, const LeastSums& least, float* sums) {
     constexpr std::size_t kRows = 4, kLanes = sizeof(FourFloats) / sizeof(float);
     std::array<FourFloats, kRows> lowest;
     for (FourFloats& low : lowest) low = FourFloats{} + kFar;
@@ -130,11 +132,20 @@ void sum_products_plainly(const ProductSums& p, float* sums, float* least) {
             std::memcpy(to, &left[r], sizeof column);
             std::memcpy(to + kLanes, &right[r], sizeof next);
         }
+        float* const of_columns = least.of_columns + at;
+        std::memcpy(&column, of_columns, sizeof column);
+        std::memcpy(&next, of_columns + kLanes, sizeof next);
+        for (std::size_t r = 0; r < kRows; ++r) {
+            column = left[r] < column ? left[r] : column;
+            next = right[r] < next ? right[r] : next;
+        }
+        std::memcpy(of_columns, &column, sizeof column);
+        std::memcpy(of_columns + kLanes, &next, sizeof next);
     }
     for (std::size_t r = 0; r < kRows; ++r) {
         std::array<float, kLanes> each;
         std::memcpy(each.data(), &lowest[r], sizeof each);
-        least[r] = *std::ranges::min_element(each);
+        least.of_rows[r] = *std::ranges::min_element(each);
     }
 }
 
@@ -181,15 +192,17 @@ public:
     /// Of the sources, and of the targets where they are wanted.
     void run(bool both) {
         if (both)
-            for (std::size_t j = 0; j < backward.to.size(); ++j) bound(j);
-        std::vector<float> strip(kStrip * floats_.padded);
-        std::array<float, kStrip> least;
-        for (std::size_t first = begin_; first < end_; first += kStrip) {
-            compare(first, strip.data(), least.data());
-            for (std::size_t r = 0; r < std::min(kStrip, end_ - first); ++r)
-                look(first + r, strip.data() + r * floats_.padded,
-                     raised(least[r] + 2.0 * floats_.error));
-        }
+            for (std::size_t j = 0; j < backward.to.size(); ++j) {
+                bounds_[j] = kFar;
+                bound(j);
+            }
+        // As much as stays in a core's cache.
+        constexpr std::size_t kMost = std::size_t{1} << 17;
+        const std::size_t rows = std::max(kStrip, kMost / floats_.padded / kStrip * kStrip);
+        sums_.resize(std::min(rows, (end_ - begin_ + kStrip - 1) / kStrip * kStrip) *
+                     floats_.padded);
+        for (std::size_t first = begin_; first < end_; first += rows)
+            look_at(first, std::min(first + rows, end_), both);
     }
 
 private:
@@ -197,30 +210,48 @@ private:
         return squared_distance(floats_.source.data() + kAxes * i,
                                 floats_.target.data() + kAxes * j);
     }
-    void bound(std::size_t j) { bounds_[j] = raised(backward.squared[j] + floats_.error); }
+    void bound(std::size_t j) {
+        bounds_[j] = std::min(bounds_[j], raised(backward.squared[j] + floats_.error));
+    }
 
-    /// Squared distances of a strip to all targets, and the least of each row.
-    void compare(std::size_t first, float* strip, float* least) const {
+    /// Of some sources. What floats show to be near some target at all is known before any is
+    /// compared exactly.
+    void look_at(std::size_t begin, std::size_t end, bool both) {
+        std::vector<float> of_rows(end - begin + kStrip), of_columns(floats_.padded, kFar);
+        for (std::size_t first = begin; first < end; first += kStrip)
+            compare(first, {of_rows.data() + (first - begin), of_columns.data()},
+                    sums_.data() + (first - begin) * floats_.padded);
+        if (both)
+            for (std::size_t j = 0; j < backward.to.size(); ++j)
+                bounds_[j] = std::min(bounds_[j], raised(of_columns[j] + 2.0 * floats_.error));
+        for (std::size_t i = begin; i < end; ++i)
+            look(i, sums_.data() + (i - begin) * floats_.padded,
+                 raised(of_rows[i - begin] + 2.0 * floats_.error));
+    }
+
+    /// Squared distances of a strip to all targets.
+    void compare(std::size_t first, LeastSums least, float* strip) const {
         constexpr std::size_t kHalf = kStrip / 2;
         ProductSums products{floats_.sources.data() + kAxes * first,
                              floats_.source_squares.data() + first, floats_.targets.data(),
                              floats_.target_squares.data(), floats_.padded};
         if (registers_ == FloatRegisters::kOfSixteen)
-            return sum_products_of_eight<kAxes>(products, strip, least);
+            return sum_products_of_eight<kAxes>(products, least, strip);
         for (int half = 0; half < 2; ++half) {
             (registers_ == FloatRegisters::kOfEight ? sum_products_of_four<kAxes>
-                                                    : sum_products_plainly)(products, strip, least);
+                                                    : sum_products_plainly)(products, least, strip);
             products.factors += kAxes * kHalf;
             products.row_starts += kHalf;
             strip += kHalf * floats_.padded;
-            least += kHalf;
+            least.of_rows += kHalf;
         }
     }
 
     /// Compares exactly what may be the nearest of source `i` or have it as its nearest.
     void look(std::size_t i, const float* strip, float its_bound) {
-        const auto bits_within =
-            registers_ == FloatRegisters::kOfFour ? bits_within_plainly : bits_within_wide;
+        const auto bits_within = registers_ == FloatRegisters::kOfSixteen ? bits_within_widest
+                                 : registers_ == FloatRegisters::kOfEight ? bits_within_wide
+                                                                          : bits_within_plainly;
         for (std::size_t at = 0; at < floats_.padded; at += kBlock)
             for (std::uint32_t bits = bits_within(strip + at, bounds_.data() + at, its_bound);
                  bits != 0; bits &= bits - 1)
@@ -242,13 +273,14 @@ private:
     std::size_t begin_, end_;
     FloatRegisters registers_;
     std::vector<float> bounds_;  ///< of each target: what seems farther off isn't nearer
+    UnsetVector<float> sums_;    ///< of some sources, row by row
 };
 
 }  // namespace
 
 bool fits_floats(const ProductPoints& points) {
     constexpr double kMost = 1e15;
-    return points.cwiseAbs().maxCoeff<Eigen::PropagateNaN>() < kMost;
+    return (points.array().abs() < kMost).all();
 }
 
 std::pair<Matches, Matches> matches_both_ways_of_few(const ProductPoints& source,
