@@ -23,6 +23,14 @@
 #define POINTMORPH_INLINE inline
 #endif
 
+/// Before a loop of four rounds or fewer: GCC keeps what it works on in registers only if it is
+/// unrolled early.
+#if defined(__GNUC__) && !defined(__clang__)
+#define POINTMORPH_UNROLL _Pragma("GCC unroll 4")
+#else
+#define POINTMORPH_UNROLL
+#endif
+
 namespace pointmorph {
 
 /// Two numbers side by side, for any compiler.
@@ -123,6 +131,13 @@ struct alignas(16) PlainFour {
 using Four = double __attribute__((vector_size(32)));
 #else
 using Four = PlainFour;
+#endif
+
+/// Eight numbers in one register, where there are some as wide; no more than four elsewhere.
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
+using Eight = double __attribute__((vector_size(64)));
+#else
+using Eight = Four;
 #endif
 
 /// The same as two registers of two, for processors that have none as wide: compilers take Four to
@@ -507,6 +522,7 @@ POINTMORPH_WIDEST std::uint32_t squares_of_sixteen_widest(const SixteenPoints& p
 }
 #else
 #define POINTMORPH_WIDE
+#define POINTMORPH_WIDEST
 inline bool has_wide_registers() {
     return false;
 }

@@ -70,30 +70,34 @@ std::optional<Eigen::Vector4d> clear_eigenvector(const Eigen::Matrix4d& k, const
 }
 
 /// Entries of several matrices side by side, row by row.
-constexpr std::size_t kSideBySide = 4;
-using NineOfFour = std::array<std::array<double, kSideBySide>, 9>;
+template <std::size_t kCount>
+using NineOf = std::array<std::array<double, kCount>, 9>;
 
 /// Rotations, and whether they were found.
-struct FourRotations {
-    NineOfFour rotation;
-    std::array<double, kSideBySide> trace;
-    std::array<bool, kSideBySide> is_clear;
+template <std::size_t kCount>
+struct Rotations {
+    NineOf<kCount> rotation;
+    std::array<double, kCount> trace;
+    std::array<bool, kCount> is_clear;
 };
 
 template <class Numbers>
+constexpr std::size_t kCountOf = sizeof(Numbers) / sizeof(double);
+
+template <class Numbers>
 POINTMORPH_INLINE void take_roots(Numbers& numbers) {
-    std::array<double, kSideBySide> each;
+    std::array<double, kCountOf<Numbers>> each;
     std::memcpy(each.data(), &numbers, sizeof numbers);
     for (double& number : each) number = std::sqrt(number);
     std::memcpy(&numbers, each.data(), sizeof numbers);
 }
 
 template <class Mask>
-POINTMORPH_INLINE std::array<bool, kSideBySide> each_of(const Mask& mask) {
-    std::array<std::int64_t, kSideBySide> numbers;
+POINTMORPH_INLINE std::array<bool, kCountOf<Mask>> each_of(const Mask& mask) {
+    std::array<std::int64_t, kCountOf<Mask>> numbers;
     std::memcpy(numbers.data(), &mask, sizeof mask);
-    std::array<bool, kSideBySide> result;
-    for (std::size_t k = 0; k < kSideBySide; ++k) result[k] = numbers[k] != 0;
+    std::array<bool, kCountOf<Mask>> result;
+    for (std::size_t k = 0; k < result.size(); ++k) result[k] = numbers[k] != 0;
     return result;
 }
 
@@ -139,7 +143,7 @@ struct WithMinors {
 
 /// Unit quaternions as rotations.
 template <class Numbers>
-POINTMORPH_INLINE void turn_by(const Numbers (&q)[4], NineOfFour& rotation) {
+POINTMORPH_INLINE void turn_by(const Numbers (&q)[4], NineOf<kCountOf<Numbers>>& rotation) {
     const Numbers one = Numbers{} + 1.0;
     const Numbers x = 2.0 * q[1], y = 2.0 * q[2], z = 2.0 * q[3];
     const Numbers wx = x * q[0], wy = y * q[0], wz = z * q[0], xx = x * q[1], xy = y * q[1],
@@ -152,7 +156,8 @@ POINTMORPH_INLINE void turn_by(const Numbers (&q)[4], NineOfFour& rotation) {
 
 /// clear_eigenvector() of several covariances side by side.
 template <class Numbers>
-POINTMORPH_INLINE void fit_four(const NineOfFour& covariances, FourRotations& found) {
+POINTMORPH_INLINE void fit_several(const NineOf<kCountOf<Numbers>>& covariances,
+                                   Rotations<kCountOf<Numbers>>& found) {
     const Numbers one = Numbers{} + 1.0;
     Numbers u[9], square{};
     for (std::size_t k = 0; k < 9; ++k) {
@@ -193,7 +198,7 @@ POINTMORPH_INLINE void fit_four(const NineOfFour& covariances, FourRotations& fo
             (((x * x - 2.0) * x + linear) * x + constant) / (is_steep ? slope : one);
         x -= goes_on ? down : Numbers{};
         goes_on &= (down > Numbers{} + 1e-13) | (down < Numbers{} - 1e-13);
-        if (each_of(goes_on) == std::array<bool, kSideBySide>{}) break;
+        if (each_of(goes_on) == std::array<bool, kCountOf<Numbers>>{}) break;
     }
     for (int i = 0; i < 4; ++i) k.m[i][i] = diagonal[i] - x;
     k.find_minors();
@@ -216,8 +221,44 @@ POINTMORPH_INLINE void fit_four(const NineOfFour& covariances, FourRotations& fo
     found.is_clear = each_of(is_clear);
 }
 
-POINTMORPH_WIDE void fit_four_wide(const NineOfFour& covariances, FourRotations& found) {
-    fit_four<Four>(covariances, found);
+void fit_plainly(const NineOf<4>& covariances, Rotations<4>& found) {
+    fit_several<Four>(covariances, found);
+}
+
+POINTMORPH_WIDE void fit_wide(const NineOf<4>& covariances, Rotations<4>& found) {
+    fit_several<Four>(covariances, found);
+}
+
+POINTMORPH_WIDEST void fit_widest(const NineOf<kCountOf<Eight>>& covariances,
+                                  Rotations<kCountOf<Eight>>& found) {
+    fit_several<Eight>(covariances, found);
+}
+
+template <std::size_t kCount>
+void fit_by(void (*fit)(const NineOf<kCount>&, Rotations<kCount>&),
+            std::span<const Matrix3> covariances, std::span<BestRotation> best) {
+    NineOf<kCount> some;
+    Rotations<kCount> found;
+    for (std::size_t first = 0; first < covariances.size(); first += kCount) {
+        const std::size_t count = std::min(kCount, covariances.size() - first);
+        for (std::size_t n = 0; n < kCount; ++n) {
+            const Matrix3& c = covariances[first + std::min(n, count - 1)];
+            for (std::size_t k = 0; k < 9; ++k)
+                some[k][n] = c(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
+        }
+        fit(some, found);
+        for (std::size_t n = 0; n < count; ++n) {
+            BestRotation& its = best[first + n];
+            if (!found.is_clear[n]) {
+                its = best_rotation(covariances[first + n]);
+                continue;
+            }
+            for (std::size_t k = 0; k < 9; ++k)
+                its.rotation(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3)) =
+                    found.rotation[k][n];
+            its.trace = found.trace[n];
+        }
+    }
 }
 
 }  // namespace
@@ -241,28 +282,10 @@ BestRotation best_rotation(const Matrix3& covariance) {
 }
 
 void best_rotations(std::span<const Matrix3> covariances, std::span<BestRotation> best) {
-    NineOfFour some;
-    FourRotations found;
-    for (std::size_t first = 0; first < covariances.size(); first += kSideBySide) {
-        const std::size_t count = std::min(kSideBySide, covariances.size() - first);
-        for (std::size_t n = 0; n < kSideBySide; ++n) {
-            const Matrix3& c = covariances[first + std::min(n, count - 1)];
-            for (std::size_t k = 0; k < 9; ++k)
-                some[k][n] = c(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
-        }
-        has_wide_registers() ? fit_four_wide(some, found) : fit_four<Four>(some, found);
-        for (std::size_t n = 0; n < count; ++n) {
-            BestRotation& its = best[first + n];
-            if (!found.is_clear[n]) {
-                its = best_rotation(covariances[first + n]);
-                continue;
-            }
-            for (std::size_t k = 0; k < 9; ++k)
-                its.rotation(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3)) =
-                    found.rotation[k][n];
-            its.trace = found.trace[n];
-        }
-    }
+    if (has_widest_registers())
+        fit_by(fit_widest, covariances, best);
+    else
+        fit_by(has_wide_registers() ? fit_wide : fit_plainly, covariances, best);
 }
 
 Positions Similarity::apply(const Positions& positions) const {

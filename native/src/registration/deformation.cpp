@@ -1,6 +1,7 @@
 #include "pointmorph/registration/deformation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -8,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "registration/padded_columns.hpp"
@@ -199,42 +201,107 @@ SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& node
     return graph;
 }
 
+namespace {
+
+/// Of the edges around a node: their covariance, column by column, then Σ w |e|²; two zeros.
+using Moments = std::array<double, 12>;
+
+/// Moments of all nodes, averaged over the node graph some times.
+class NodeMoments {
+public:
+    NodeMoments(const Positions& positions, const DeformationGraph& graph,
+                const Deformation& deformation, int smoothing)
+        : graph_(graph), moments_(to_size(graph.size())), average_(moments_.size()) {
+        rest_.reserve(moments_.size());
+        now_.reserve(moments_.size());
+        for (Index i = 0; i < graph.size(); ++i) {
+            const Index row = graph.node_rows[to_size(i)];
+            rest_.push_back(padded(Vector3(positions.row(row).transpose())));
+            now_.push_back(padded(Vector3(deformation.positions.row(i).transpose())));
+        }
+        if (has_wide_registers())
+            find_wide(smoothing);
+        else
+            find<TwoTwos>(smoothing);
+    }
+
+    const Moments& of(Index node) const { return moments_[to_size(node)]; }
+
+private:
+    POINTMORPH_WIDE void find_wide(int smoothing) { find<Four>(smoothing); }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void find(int smoothing) {
+        for (std::size_t i = 0; i < moments_.size(); ++i) add_up_edges<Numbers>(i);
+        for (int round = 0; round < smoothing; ++round) {
+            for (std::size_t i = 0; i < moments_.size(); ++i) average<Numbers>(i);
+            moments_.swap(average_);
+        }
+    }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void add_up_edges(std::size_t i) {
+        Numbers columns[3]{}, own, step;
+        double squares = 0.0;
+        load(now_[i], own);
+        for (auto e = to_size(graph_.edge_offsets[i]); e < to_size(graph_.edge_offsets[i + 1]);
+             ++e) {
+            const auto j = to_size(graph_.edge_ends[e]);
+            const double weight = graph_.edge_weights[e];
+            const double rest[3] = {rest_[j][0] - rest_[i][0], rest_[j][1] - rest_[i][1],
+                                    rest_[j][2] - rest_[i][2]};
+            load(now_[j], step);
+            step -= own;
+            step = weight * step;
+            POINTMORPH_UNROLL
+            for (std::size_t c = 0; c < 3; ++c) columns[c] += rest[c] * step;
+            squares += weight * (rest[0] * rest[0] + rest[1] * rest[1] + rest[2] * rest[2]);
+        }
+        Moments& moments = moments_[i];
+        POINTMORPH_UNROLL
+        for (std::size_t c = 0; c < 3; ++c) store(columns[c], moments.data() + 3 * c);
+        moments[9] = squares;
+    }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void average(std::size_t i) {
+        Numbers sums[3], its;
+        POINTMORPH_UNROLL
+        for (std::size_t k = 0; k < 3; ++k) load(moments_[i].data() + 4 * k, sums[k]);
+        double weights = 1.0;
+        for (auto e = to_size(graph_.edge_offsets[i]); e < to_size(graph_.edge_offsets[i + 1]);
+             ++e) {
+            const double* const other = moments_[to_size(graph_.edge_ends[e])].data();
+            POINTMORPH_UNROLL
+            for (std::size_t k = 0; k < 3; ++k) {
+                load(other + 4 * k, its);
+                sums[k] += graph_.edge_weights[e] * its;
+            }
+            weights += graph_.edge_weights[e];
+        }
+        Moments& average = average_[i];
+        POINTMORPH_UNROLL
+        for (std::size_t k = 0; k < 3; ++k) {
+            std::array<double, 4> its_sums;
+            store(sums[k], its_sums.data());
+            for (std::size_t d = 0; d < 4; ++d) average[4 * k + d] = its_sums[d] / weights;
+        }
+    }
+
+    const DeformationGraph& graph_;
+    std::vector<PaddedColumn> rest_, now_;  ///< places of the nodes
+    std::vector<Moments> moments_, average_;
+};
+
+}  // namespace
+
 void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
                       double largest_scale, Deformation& deformation) {
     const Index count = graph.size();
-    using Moments = Eigen::Matrix<double, 10, 1>;  // 3 × 3 covariance, then Σ w |e|²
-    std::vector<Moments> moments(to_size(count), Moments::Zero()), average(to_size(count));
-    for (Index i = 0; i < count; ++i) {
-        auto& m = moments[to_size(i)];
-        Eigen::Map<Matrix3> covariance(m.data());
-        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
-             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
-            const Index j = graph.edge_ends[e];
-            const Vector3 rest = (positions.row(graph.node_rows[to_size(j)]) -
-                                  positions.row(graph.node_rows[to_size(i)]))
-                                     .transpose();
-            const Vector3 now =
-                (deformation.positions.row(j) - deformation.positions.row(i)).transpose();
-            covariance.noalias() += graph.edge_weights[e] * now * rest.transpose();
-            m[9] += graph.edge_weights[e] * rest.squaredNorm();
-        }
-    }
-    for (int round = 0; round < smoothing; ++round) {
-        for (Index i = 0; i < count; ++i) {
-            Moments sum = moments[to_size(i)];
-            double weights = 1.0;
-            for (auto e = to_size(graph.edge_offsets[to_size(i)]);
-                 e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
-                sum += graph.edge_weights[e] * moments[to_size(graph.edge_ends[e])];
-                weights += graph.edge_weights[e];
-            }
-            average[to_size(i)] = sum / weights;
-        }
-        moments.swap(average);
-    }
+    const NodeMoments moments(positions, graph, deformation, smoothing);
     std::vector<Matrix3> covariances(to_size(count));
-    for (std::size_t i = 0; i < covariances.size(); ++i)
-        covariances[i] = Eigen::Map<const Matrix3>(moments[i].data());
+    for (Index i = 0; i < count; ++i)
+        covariances[to_size(i)] = Eigen::Map<const Matrix3>(moments.of(i).data());
     std::vector<BestRotation> best(covariances.size());
     best_rotations(covariances, best);
     deformation.rotations.resize(to_size(count));
@@ -242,7 +309,7 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
     for (Index i = 0; i < count; ++i) {
         const auto& [rotation, trace] = best[to_size(i)];
         deformation.rotations[to_size(i)] = rotation;
-        const double scale = trace / std::max(moments[to_size(i)][9], 1e-300);
+        const double scale = trace / std::max(moments.of(i)[9], 1e-300);
         deformation.scales[i] = std::clamp(scale, 1.0 / largest_scale, largest_scale);
     }
 }
@@ -255,15 +322,16 @@ public:
     /// `normals`: null for none.
     Blending(const Positions& positions, const Normals* normals, const DeformationGraph& graph,
              const Deformation& deformation)
-        : positions_(positions), normals_(normals), graph_(graph) {
-        for (Index k = 0; k < graph.size(); ++k) {
-            const Matrix3& rotation = deformation.rotations[to_size(k)];
-            const Matrix3 linear = deformation.scales[k] * rotation;
-            const Vector3 constant =
-                deformation.positions.row(k).transpose() -
-                linear * positions.row(graph.node_rows[to_size(k)]).transpose();
-            moves_.push_back(
-                {padded(linear), padded(constant), normals ? padded(rotation) : PaddedColumns{}});
+        : positions_(positions), normals_(normals), graph_(graph), moves_(to_size(graph.size())) {
+        for (std::size_t k = 0; k < moves_.size(); ++k) {
+            Move& move = moves_[k];
+            const Matrix3& rotation = deformation.rotations[k];
+            move.linear = scaled(rotation, deformation.scales[to_index(k)]);
+            const double* const to = deformation.positions.data() + 3 * k;
+            const PaddedColumn rest =
+                product(move.linear, positions.data() + 3 * graph.node_rows[k]);
+            move.constant = {to[0] - rest[0], to[1] - rest[1], to[2] - rest[2], 0.0};
+            if (normals) move.rotation = padded(rotation);
         }
     }
 

@@ -18,9 +18,12 @@ POINTMORPH_INLINE void subtract_products(const TileProducts& p) {
     for (std::size_t t = 0; t < p.count; ++t) {
         double* const to = p.sums + kTile * to_size(p.places[t]);
         Numbers columns[kSide], sum;
+        POINTMORPH_UNROLL
         for (std::size_t k = 0; k < kSide; ++k) load(p.tiles + kTile * t + kSide * k, columns[k]);
+        POINTMORPH_UNROLL
         for (std::size_t c = 0; c < kSide; ++c) {
             load(to + kSide * c, sum);
+            POINTMORPH_UNROLL
             for (std::size_t k = 0; k < kSide; ++k) sum -= p.by[kSide * k + c] * columns[k];
             store(sum, to + kSide * c);
         }
@@ -37,13 +40,18 @@ POINTMORPH_WIDE void subtract_products_wide(const TileProducts& products) {
 
 /// Cholesky's factor of a tile on the diagonal, in place. Its diagonal is stored as its inverse.
 void factorize_tile(double* tile) {
+    POINTMORPH_UNROLL
     for (std::size_t c = 0; c < kSide; ++c) {
         double* const column = tile + kSide * c;
         const double inverse = 1.0 / std::sqrt(std::max(column[c], 1e-300));
         column[c] = inverse;
+        POINTMORPH_UNROLL
         for (std::size_t r = c + 1; r < kSide; ++r) column[r] *= inverse;
-        for (std::size_t d = c + 1; d < kSide; ++d)
+        POINTMORPH_UNROLL
+        for (std::size_t d = c + 1; d < kSide; ++d) {
+            POINTMORPH_UNROLL
             for (std::size_t r = d; r < kSide; ++r) tile[kSide * d + r] -= column[r] * column[d];
+        }
     }
 }
 
@@ -79,8 +87,10 @@ POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, const double* va
         std::copy_n(first, kTile, factor + kTile * begin);
         for (std::size_t t = begin + 1; t < end; ++t) {
             Numbers columns[kSide];
+            POINTMORPH_UNROLL
             for (std::size_t c = 0; c < kSide; ++c) {
                 load(left + kTile * to_size(p.tile_rows[t]) + kSide * c, columns[c]);
+                POINTMORPH_UNROLL
                 for (std::size_t k = 0; k < c; ++k) columns[c] -= first[kSide * k + c] * columns[k];
                 columns[c] = first[(kSide + 1) * c] * columns[c];
                 store(columns[c], factor + kTile * t + kSide * c);
@@ -103,8 +113,10 @@ POINTMORPH_INLINE void substitute(const DeformationPattern& p, const double* fac
     for (std::size_t panel = 0; panel < p.panels(); ++panel) {
         const auto begin = to_size(p.tile_begins[panel]), end = to_size(p.tile_begins[panel + 1]);
         const double* tile = factor + kTile * begin;
+        POINTMORPH_UNROLL
         for (std::size_t c = 0; c < kSide; ++c) {
             load(sides[kSide * panel + c], own[c]);
+            POINTMORPH_UNROLL
             for (std::size_t k = 0; k < c; ++k) own[c] -= tile[kSide * k + c] * own[k];
             own[c] = tile[(kSide + 1) * c] * own[c];
             store(own[c], sides[kSide * panel + c]);
@@ -112,8 +124,10 @@ POINTMORPH_INLINE void substitute(const DeformationPattern& p, const double* fac
         for (std::size_t t = begin + 1; t < end; ++t) {
             tile += kTile;
             PaddedColumn* const rows = sides.data() + kSide * to_size(p.tile_rows[t]);
+            POINTMORPH_UNROLL
             for (std::size_t r = 0; r < kSide; ++r) {
                 load(rows[r], its);
+                POINTMORPH_UNROLL
                 for (std::size_t c = 0; c < kSide; ++c) its -= tile[kSide * c + r] * own[c];
                 store(its, rows[r]);
             }
@@ -121,17 +135,23 @@ POINTMORPH_INLINE void substitute(const DeformationPattern& p, const double* fac
     }
     for (std::size_t panel = p.panels(); panel-- > 0;) {
         const auto begin = to_size(p.tile_begins[panel]), end = to_size(p.tile_begins[panel + 1]);
+        POINTMORPH_UNROLL
         for (std::size_t c = 0; c < kSide; ++c) load(sides[kSide * panel + c], own[c]);
         for (std::size_t t = begin + 1; t < end; ++t) {
             const double* const tile = factor + kTile * t;
             const PaddedColumn* const rows = sides.data() + kSide * to_size(p.tile_rows[t]);
+            POINTMORPH_UNROLL
             for (std::size_t r = 0; r < kSide; ++r) {
                 load(rows[r], its);
+                POINTMORPH_UNROLL
                 for (std::size_t c = 0; c < kSide; ++c) own[c] -= tile[kSide * c + r] * its;
             }
         }
         const double* const tile = factor + kTile * begin;
-        for (std::size_t c = kSide; c-- > 0;) {
+        POINTMORPH_UNROLL
+        for (std::size_t last = 0; last < kSide; ++last) {
+            const std::size_t c = kSide - 1 - last;
+            POINTMORPH_UNROLL
             for (std::size_t k = c + 1; k < kSide; ++k) own[c] -= tile[kSide * c + k] * own[k];
             own[c] = tile[(kSide + 1) * c] * own[c];
             store(own[c], sides[kSide * panel + c]);
@@ -149,14 +169,12 @@ class RightSides {
 public:
     RightSides(const Positions& positions, const DeformationGraph& graph,
                const DeformationPattern& pattern, const Deformation& deformation)
-        : positions_(positions), graph_(graph), pattern_(pattern) {
+        : positions_(positions), graph_(graph), pattern_(pattern), moves_(to_size(graph.size())) {
         // X(p) = Σ w (x_k + linear_k p − constant_k)
-        moves_.reserve(to_size(graph.size()));
-        for (Index k = 0; k < graph.size(); ++k) {
-            const Matrix3 linear = deformation.scales[k] * deformation.rotations[to_size(k)];
-            const Vector3 constant =
-                linear * positions.row(graph.node_rows[to_size(k)]).transpose();
-            moves_.push_back({padded(linear), padded(constant)});
+        for (std::size_t k = 0; k < moves_.size(); ++k) {
+            Move& move = moves_[k];
+            move.linear = scaled(deformation.rotations[k], deformation.scales[to_index(k)]);
+            move.constant = product(move.linear, positions.data() + 3 * graph.node_rows[k]);
         }
     }
 

@@ -22,6 +22,21 @@ inline PaddedColumns padded(const Matrix3& matrix) {
             padded(Vector3(matrix.col(2)))};
 }
 
+inline PaddedColumns scaled(const Matrix3& matrix, double scale) {
+    const double* const m = matrix.data();
+    return {{{scale * m[0], scale * m[1], scale * m[2], 0.0},
+             {scale * m[3], scale * m[4], scale * m[5], 0.0},
+             {scale * m[6], scale * m[7], scale * m[8], 0.0}}};
+}
+
+/// As multiply().
+inline PaddedColumn product(const PaddedColumns& matrix, const double* vector) {
+    const auto& [x, y, z] = matrix;
+    return {vector[0] * x[0] + vector[1] * y[0] + vector[2] * z[0],
+            vector[0] * x[1] + vector[1] * y[1] + vector[2] * z[1],
+            vector[0] * x[2] + (vector[1] * y[2] + vector[2] * z[2]), 0.0};
+}
+
 /// `Numbers` are four doubles.
 template <class Numbers>
 POINTMORPH_INLINE void load(const double* from, Numbers& numbers) {

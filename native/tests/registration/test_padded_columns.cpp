@@ -43,6 +43,9 @@ TEST(PaddedColumns, ProductsAreThoseOfEigenToTheBit) {
 #endif
         EXPECT_EQ(product_of<TwoTwos>(matrix, vector), expected);
         EXPECT_EQ(product_of<PlainFour>(matrix, vector), expected);
+        const PaddedColumn product = pointmorph::product(padded(matrix), vector.data());
+        EXPECT_EQ(product, padded(expected));
+        EXPECT_EQ(scaled(matrix, vector[0]), padded(Matrix3(vector[0] * matrix)));
         if (!has_wide_registers()) continue;
         EXPECT_EQ(wide_product_of(matrix, vector), expected);
     }
