@@ -403,13 +403,17 @@ protected:
         std::uint32_t bits = has_widest_registers()
                                  ? squares_of_sixteen_widest<Dim>(points, squared.data())
                                  : squares_of_sixteen_wide<Dim>(points, squared.data());
-        bits &= (std::uint32_t{1} << leaf.size) - 1;
-        for (; bits != 0; bits &= bits - 1) {
-            const auto k = static_cast<std::size_t>(std::countr_zero(bits));
-            if (squared[k] < result.worstDist() && !result.addPoint(squared[k], leaf.rows[k]))
-                return false;
+        if constexpr (requires { result.add_all(squared.data(), leaf.rows, leaf.size); }) {
+            return bits == 0 || result.add_all(squared.data(), leaf.rows, leaf.size);
+        } else {
+            bits &= (std::uint32_t{1} << leaf.size) - 1;
+            for (; bits != 0; bits &= bits - 1) {
+                const auto k = static_cast<std::size_t>(std::countr_zero(bits));
+                if (squared[k] < result.worstDist() && !result.addPoint(squared[k], leaf.rows[k]))
+                    return false;
+            }
+            return true;
         }
-        return true;
     }
 
     template <class Result>

@@ -101,8 +101,12 @@ struct KdTree<Dim>::Impl {
     std::size_t nearest(const double* query, double squared_radius, std::span<Index> indices,
                         std::span<double> squared_distances) const {
         std::size_t count = 0;
+        const std::size_t most = indices.size();
+        if constexpr (Dim == 6)
+            if (most > 18 && most <= 24 &&
+                find_few<12>(tree, query, squared_radius, indices, squared_distances, count))
+                return count;
         if constexpr (Dim == 3) {
-            const std::size_t most = indices.size();
             if (most > 2 && most <= 8 &&
                 find_few<4>(tree, query, squared_radius, indices, squared_distances, count))
                 return count;

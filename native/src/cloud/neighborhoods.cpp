@@ -83,11 +83,37 @@ Neighborhoods radius_neighbors(const KdTree<3>& tree, double radius, Progress& p
     return result;
 }
 
+namespace {
+
+/// Writes what is in either sorted list, sorted, each once; without branches that nobody can
+/// foresee. Returns how many there are.
+std::size_t merge(std::span<const Index> a, std::span<const Index> b, std::vector<Index>& merged) {
+    merged.resize(std::max(merged.size(), a.size() + b.size()));
+    std::size_t count = 0, i = 0, j = 0;
+    Index last = -1;
+    const auto add = [&](Index row) {
+        merged[count] = row;
+        count += row != last ? 1 : 0;
+        last = row;
+    };
+    while (i < a.size() && j < b.size()) {
+        const Index of_a = a[i], of_b = b[j], least = std::min(of_a, of_b);
+        add(least);
+        i += of_a == least ? 1 : 0;
+        j += of_b == least ? 1 : 0;
+    }
+    for (; i < a.size(); ++i) add(a[i]);
+    for (; j < b.size(); ++j) add(b[j]);
+    return count;
+}
+
+}  // namespace
+
 Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
     const Index count = neighborhoods.size();
     const auto row = [](Index i) { return to_size(i); };
-    // Both directions of every pair, by counting; rows are visited in order, so each list is a
-    // merge of two sorted runs once its own part is sorted.
+    // Of each row, those that name it come first, then those that it names. Rows are visited in
+    // order, so that both are sorted.
     std::vector<std::int64_t> offsets(row(count) + 1, 0);
     for (Index i = 0; i < count; ++i)
         for (const Index j : neighborhoods[i]) {
@@ -98,24 +124,25 @@ Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
     std::vector<Index> both(to_size(offsets.back()));
     std::vector<std::int64_t> next(offsets.begin(), offsets.end() - 1);
     for (Index i = 0; i < count; ++i)
-        for (const Index j : neighborhoods[i]) {
-            both[to_size(next[row(i)]++)] = j;
-            both[to_size(next[row(j)]++)] = i;
-        }
+        for (const Index j : neighborhoods[i]) both[to_size(next[row(j)]++)] = i;
+    const std::vector<std::int64_t> middles = next;
+    for (Index j = 0; j < count; ++j)
+        for (auto k = offsets[row(j)]; k < middles[row(j)]; ++k)
+            both[to_size(next[row(both[to_size(k)])]++)] = j;
 
     Neighborhoods result;
     result.offsets.reserve(row(count) + 1);
-    std::size_t end = 0;
-    for (Index i = 0; i < count; ++i) {  // compact in place, behind the reading
-        const auto first = both.begin() + offsets[row(i)];
-        const auto last = both.begin() + offsets[row(i) + 1];
-        std::sort(first, last);
-        const auto unique = std::unique(first, last);
-        end = to_size(std::move(first, unique, both.begin() + static_cast<std::ptrdiff_t>(end)) -
-                      both.begin());
-        result.offsets.push_back(static_cast<std::int64_t>(end));
+    std::vector<Index> merged;
+    auto end = both.begin();  // compact in place, behind the reading
+    for (Index i = 0; i < count; ++i) {
+        const Index* const begin = both.data() + offsets[row(i)];
+        const Index* const middle = both.data() + middles[row(i)];
+        const std::size_t kept =
+            merge({begin, middle}, {middle, both.data() + offsets[row(i) + 1]}, merged);
+        end = std::copy_n(merged.begin(), kept, end);
+        result.offsets.push_back(end - both.begin());
     }
-    both.resize(end);
+    both.erase(end, both.end());
     result.indices = std::move(both);
     return result;
 }

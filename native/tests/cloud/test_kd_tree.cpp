@@ -85,7 +85,7 @@ void expect_brute_force() {
     for (Index q = 0; q < queries.rows() + points.rows(); ++q) {
         const double* query =
             q < queries.rows() ? queries.row(q).data() : points.row(q - queries.rows()).data();
-        for (const std::size_t most : {1u, 3u, 8u, 9u, 17u, 18u, 500u, 600u}) {
+        for (const std::size_t most : {1u, 3u, 8u, 9u, 17u, 18u, 24u, 500u, 600u}) {
             const double all = std::numeric_limits<double>::infinity();
             expect_same(nearest(tree, query, most), brute_force<Dim>(points, query, all, most));
             for (const double radius : {0.3, 0.5, 1.0})  // 0.5 and 1 are distances on the grid

@@ -154,6 +154,10 @@ TEST(Symmetrized, HoldsBothDirectionsOnceAndSorted) {
         EXPECT_EQ(list(found, i), std::vector<Index>(set.begin(), set.end()));
     }
     EXPECT_EQ(symmetrized(found).indices, found.indices);
+    Neighborhoods twice;
+    twice.indices = {2, 1, 2, 0};  // of the first three, and of the second one
+    twice.offsets = {0, 3, 4, 4};
+    EXPECT_EQ(symmetrized(twice).indices, (std::vector<Index>{1, 2, 0, 0}));
 }
 
 TEST(Filtered, LeavesOutPairsAndKeepsTheOrder) {
