@@ -179,7 +179,7 @@ std::string patch_has_holes(const std::string& shape, Index boundary_loops) {
 std::string goes_beyond(const std::string& whole, const std::string& part, double share) {
     return part + " ends where " + whole + " goes on: " + percent(share) + " of " + whole +
            " has no counterpart and joins that border. To stretch " + part +
-           " over it, choose missing parts: stretch.";
+           " over it, set missing parts to stretch.";
 }
 
 std::string separate_parts(const std::string& shape, Index points) {

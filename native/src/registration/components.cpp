@@ -303,7 +303,7 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
     const std::string difference = differences_in_words(plain, source, target);
     if (!difference.empty()) words.push_back(difference);
     if (of_rest > 0)
-        words.push_back("What else there is becomes one another all together: " +
+        words.push_back("What is left of both becomes one another as a whole: " +
                         counted(of_rest, "piece", "pieces") + " of " + source.name + " and " +
                         std::to_string(matching.target_rest.size()) + " of " + target.name + ".");
     const auto alone = [&](std::span<const Index> components, const NamedTopology& shape,

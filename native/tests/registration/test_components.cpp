@@ -432,7 +432,7 @@ TEST(Components, ThatAreAloneOnBothSidesCoverOneAnother) {
     const Morph morph(std::move(input), {}, progress);
     EXPECT_TRUE(checks::is_total(morph.pairs(), kBody + kRest, kBody + kRest));
     EXPECT_TRUE(checks::mentions(morph.report().warnings,
-                                 "one another all together: 1 piece of one and 3 of two"));
+                                 "one another as a whole: 1 piece of one and 3 of two"));
     std::array<int, 2> astray{};
     for (const auto& [s, t] : morph.pairs())
         astray[s < kBody ? 0 : 1] += (s < kBody) != (t < kBody);
