@@ -1,9 +1,9 @@
-"""Meshes as people model them: Blender's own, and animals of one piece."""
+"""Objects as people make them: Blender's own meshes, animals of one piece, rigs and nodes."""
 
 import bmesh
 import bpy
 from mathutils import Matrix, Vector
-from scenes import add_object, triangles
+from scenes import add_group, add_object, select, triangles
 
 
 def primitive(kind, **options):
@@ -41,3 +41,31 @@ def apply_modifiers(obj):
     obj.data, old = bpy.data.meshes.new_from_object(obj.evaluated_get(graph)), obj.data
     obj.modifiers.clear()
     bpy.data.meshes.remove(old)
+
+
+def add_armature(obj, pose):
+    """A rig of one bone, which all of the object follows, moved to `pose`."""
+    bones = bpy.data.armatures.new("Bones")
+    rig = bpy.data.objects.new("Rig", bones)
+    bpy.context.scene.collection.objects.link(rig)
+    select(rig)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = bones.edit_bones.new("Bone")
+    bone.tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["Bone"].location = pose
+    add_group(obj, "Bone", dict.fromkeys(range(len(obj.data.vertices)), 1.0))
+    obj.modifiers.new("Rig", "ARMATURE").object = rig
+
+
+def show_by_nodes(obj, *kinds):
+    """Geometry nodes that go through nodes of these kinds."""
+    group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    for in_out in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    made = group.nodes.new("NodeGroupInput")
+    for kind in (*kinds, "NodeGroupOutput"):
+        node = group.nodes.new(kind)
+        group.links.new(made.outputs[0], node.inputs[0])
+        made = node
+    obj.modifiers.new("Scatter", "NODES").node_group = group

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Euler
+from modeling import add_armature
 from scenes import (
     add_group,
     add_mesh,
@@ -17,7 +18,6 @@ from scenes import (
     pick,
     select,
 )
-from test_as_shown import add_armature
 
 
 def bake(**options):

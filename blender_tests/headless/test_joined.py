@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
+from modeling import add_armature, show_by_nodes
 from panel_drawing import Layout, drawing_context
 from scenes import add_mesh, coordinates, data_blocks, error_of, morph, patch
-from test_as_shown import add_armature, show_by_nodes
 
 
 def add_part(name, parent, matrix=None, material=None, uv_map=None):

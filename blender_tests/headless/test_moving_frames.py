@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
+from modeling import add_armature
 from pointmorph import formats
 from pointmorph.sequences import surfaces
 from scenes import (
@@ -19,7 +20,6 @@ from scenes import (
     shown_points,
     torn_pair,
 )
-from test_as_shown import add_armature
 from test_following import bend, in_world, morph_and_follow, swell, travel
 from test_frames import bake
 

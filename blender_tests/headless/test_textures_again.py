@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
+from modeling import add_armature
 from painted_scenes import bilinear, corners_of, image_of, linear, material, new_image
 from scenes import add_mesh, error_of, key, mark, morph, patch, read, select
-from test_as_shown import add_armature
 
 
 def test_recompute_draws_anew(addon, textured):
