@@ -559,9 +559,10 @@ MeshMotion::MeshMotion(const Mesh& mesh, const OrientedView& vertices, const Pos
     for (Index v = 0; v < to_index(mesh.places.size()); ++v) {
         Index& standing = first[to_size(mesh.places[to_size(v)])];
         if (standing < 0) standing = v;
-        const Eigen::RowVector3d beside =
+        const Eigen::RowVector3d here =
             vertices.positions.row(v) - vertices.positions.row(standing);
-        if (!beside.isZero(0.0)) rounded_.emplace_back(v, beside);
+        const Eigen::RowVector3d there = ends.row(v) - ends.row(standing);
+        if (!here.isZero(0.0) || !there.isZero(0.0)) beside_.push_back({v, here, there});
     }
 }
 
@@ -583,7 +584,8 @@ Positions MeshMotion::at(double t, Progress& progress) const {
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         around.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
     moved = gather(part.apply(mesh.unit.restore(bend_->at(t, around, progress))), mesh.places);
-    for (const auto& [vertex, beside] : rounded_) moved.row(vertex) += (1.0 - t) * beside;
+    for (const auto& [vertex, here, there] : beside_)
+        moved.row(vertex) += (1.0 - t) * here + t * there;
     return moved;
 }
 

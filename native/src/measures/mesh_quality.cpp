@@ -290,11 +290,12 @@ private:
         std::vector<double> distances;
         const double limit = kGood[to_size(MeshFlaw::kUncovered)];
         constexpr double kCounted = 0.01;  // of the samples lie beyond the percentile
-        const BorderEdges edges(mesh_);
+        std::optional<BorderEdges> borders;
+        if (leaves_missing) borders.emplace(mesh_);
         for (Index i = 0; i < count; ++i) {
             const SurfacePoint& foot = feet[to_size(i)];
             const double distance = std::sqrt(foot.squared_distance);
-            if (leaves_missing && edges.hold(foot)) continue;
+            if (borders && borders->hold(foot)) continue;
             distances.push_back(distance);
             if (distance < limit) continue;
             Eigen::Index corner = 0;

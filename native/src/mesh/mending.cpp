@@ -81,9 +81,9 @@ private:
         parallel_for(
             to_index(patches.size()), progress,
             [&](Index begin, Index end) {
+                Progress silent;
                 for (Index p = begin; p < end; ++p)
-                    if (!patches[to_size(p)].vertices.empty())
-                        span_membrane(sheet_.laplacian(), patches[to_size(p)].vertices, x_);
+                    span_membrane(sheet_.laplacian(), patches[to_size(p)].vertices, x_, silent);
             },
             0.0, 0.0, 1);
         land(patches, progress);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <optional>
@@ -166,25 +167,36 @@ private:
 /// Places at the ends of edges that one triangle has.
 struct OpenPlaces {
     std::vector<Index> places;    ///< ascending
-    std::vector<double> lengths;  ///< of the shortest such edge at each
+    std::vector<double> lengths;  ///< of the shortest edge of the triangles at each
 };
 
 OpenPlaces open_places(const MeshEdges& edges, const Mesh& mesh) {
-    std::vector<std::pair<Index, double>> ends;
+    constexpr double kNone = -1.0;
+    std::vector<double> lengths(to_size(mesh.positions.rows()), kNone);
+    bool any = false;
     for (Index e = 0; e < edges.size(); ++e) {
         if (edges[e].size() != 1) continue;
-        const Index start = start_of(mesh.triangles, edges[e].front()),
-                    end = end_of(mesh.triangles, edges[e].front());
-        const double length = (mesh.positions.row(end) - mesh.positions.row(start)).norm();
-        ends.emplace_back(start, length);
-        ends.emplace_back(end, length);
+        any = true;
+        for (const Index place :
+             {start_of(mesh.triangles, edges[e].front()), end_of(mesh.triangles, edges[e].front())})
+            lengths[to_size(place)] = std::numeric_limits<double>::infinity();
     }
-    std::ranges::sort(ends);
     OpenPlaces result;
-    for (const auto& [place, length] : ends)
-        if (result.places.empty() || result.places.back() != place) {
-            result.places.push_back(place);
-            result.lengths.push_back(length);
+    if (!any) return result;
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        const auto corners = mesh.triangles.row(f);
+        double shortest = std::numeric_limits<double>::infinity();
+        for (Index k = 0; k < 3; ++k)
+            shortest = std::min(
+                shortest,
+                (mesh.positions.row(corners[k]) - mesh.positions.row(corners[(k + 1) % 3])).norm());
+        for (Index k = 0; k < 3; ++k)
+            lengths[to_size(corners[k])] = std::min(lengths[to_size(corners[k])], shortest);
+    }
+    for (Index p = 0; p < to_index(lengths.size()); ++p)
+        if (lengths[to_size(p)] > kNone) {
+            result.places.push_back(p);
+            result.lengths.push_back(lengths[to_size(p)]);
         }
     return result;
 }

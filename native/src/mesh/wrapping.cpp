@@ -142,26 +142,47 @@ private:
         if (!(bare_by_face(x_, progress).sum() < bare)) x_ = bared;
     }
 
-    /// What has gone beyond the target's ends spans its openings as a membrane. Drawn to planes
-    /// that go on beyond them, it would stick out of them.
+    /// What has gone beyond the target's ends spans its openings as a membrane, unless that bares
+    /// what was reached. Drawn to planes that go on beyond them, it would stick out of them.
     void span_openings(const Faces& faces, Progress& progress) {
-        constexpr double kBeyond = 0.01;
+        constexpr double kMuch = 0.002;  // of the area
         const BorderEdges borders(faces.mesh);
         if (borders.empty()) return;
+        const std::vector<Index> beyond = beyond_ends(faces, borders, progress);
+        if (beyond.empty()) return;
+        const auto unreached = [&] {
+            tree_.move(x_, progress);
+            return samples_.share() *
+                   static_cast<double>(samples_.uncovered(tree_, kUncovered, progress).size());
+        };
+        const Positions before = x_;
+        const double least = unreached();
+        span_membrane(sheet_.laplacian(), beyond, x_, progress);
+        if (unreached() > least + kMuch) x_ = before;
+    }
+
+    /// Farther off than these from the nearest point of the target, which is on a border, or on a
+    /// face that shows its inside: that of the other wall, across an opening. Ascending.
+    std::vector<Index> beyond_ends(const Faces& faces, const BorderEdges& borders,
+                                   Progress& progress) {
+        constexpr double kBeyond = 0.01;
         const std::vector<char> is_fixed = fixed(0.0);
+        const Normals normals = sheet_.normals(x_, progress);
         std::vector<char> is_beyond(to_size(x_.rows()), 0);
         parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 if (is_fixed[to_size(v)] || sheet_.around(v).empty()) continue;
                 const SurfacePoint point = faces.tree.closest(x_.row(v).transpose());
                 is_beyond[to_size(v)] =
-                    point.squared_distance > kBeyond * kBeyond && borders.hold(point);
+                    point.squared_distance > kBeyond * kBeyond &&
+                    (borders.hold(point) ||
+                     faces.mesh.normals.row(point.triangle).dot(normals.row(v)) < 0.0);
             }
         });
         std::vector<Index> beyond;
         for (Index v = 0; v < x_.rows(); ++v)
             if (is_beyond[to_size(v)]) beyond.push_back(v);
-        if (!beyond.empty()) span_membrane(sheet_.laplacian(), beyond, x_);
+        return beyond;
     }
 
     void finish_on(const Faces* faces, Progress& progress) {

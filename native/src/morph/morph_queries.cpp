@@ -133,7 +133,9 @@ Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
         for (IndexPair& pair : pinned) std::swap(pair.source, pair.target);
     return {{from, is_source ? source_holds : target_holds, *mesh,
              is_source ? source_images : target_images, is_source ? source_images_ : target_images_,
-             leaves_missing(options_, source_.positions, target_.positions)},
+             leaves_missing(options_,
+                            sides.source ? sides.source->samples().positions : source_.positions,
+                            sides.target ? sides.target->samples().positions : target_.positions)},
             {to, other ? &*other : nullptr, is_source ? target_images : source_images},
             std::move(pinned)};
 }

@@ -151,11 +151,11 @@ void judge_normals(bool inside_out, const PreparedShape& source, const PreparedS
 }
 
 bool leaves_missing(const MorphOptions& options, const Positions& source, const Positions& target) {
-    constexpr double kFlat = 0.02;  // of its size, in root mean squares
+    constexpr double kFlat = 0.02;  // of its width, in root mean squares
     const auto is_flat = [&](const Positions& shape) {
         const Positions arms = shape.rowwise() - shape.colwise().mean();
         const PrincipalAxes spread = principal_axes(arms.transpose() * arms);
-        return spread.eigenvalues[0] < kFlat * kFlat * spread.eigenvalues[2];
+        return spread.eigenvalues[0] < kFlat * kFlat * spread.eigenvalues[1];
     };
     return options.missing_parts == MissingParts::kLeave && is_flat(source) == is_flat(target);
 }

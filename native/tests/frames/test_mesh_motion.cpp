@@ -153,6 +153,15 @@ TEST(MeshMotion, SeamsThatDifferByRoundingStayClosedOnTheWay) {
         EXPECT_LT((trip.motion.at(t) - closed.motion.at(t)).cwiseAbs().maxCoeff(), 1e-4);
 }
 
+TEST(MeshMotion, BothSidesOfASeamGoWhereTheyAreTold) {
+    const Cloud cloud = mesh_shapes::split(tube());
+    Positions ends = cloud.positions;
+    for (Index v = 0; v < cloud.size(); ++v) ends(v, 2) += v % 2 == 0 ? 0.2 : 0.0;
+    const Trip trip(cloud, ends, PathKind::kRigid);
+    EXPECT_LT((trip.motion.at(1.0) - ends).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_LT((trip.motion.at(1.0 - 1e-6) - ends).cwiseAbs().maxCoeff(), 1e-4);
+}
+
 TEST(MeshMotion, ABentTubeBendsEvenly) {
     const Cloud cloud = tube();
     // At the last, both ends turn by more than half a turn against the middle.

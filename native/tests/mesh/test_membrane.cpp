@@ -33,7 +33,7 @@ TEST(Membrane, LiesInThePlaneOfItsFrameWhereverItWas) {
     frame.col(2) = 0.5 * frame.col(0) - 0.2 * frame.col(1);
     Positions x = frame;
     for (const Index v : film.inner) x.row(v) << 7.0, -3.0, 0.1 * v;
-    span_membrane(film.sheet.laplacian(), film.inner, x);
+    span_membrane(film.sheet.laplacian(), film.inner, x, film.progress);
     // What is linear is harmonic.
     EXPECT_LT((x - frame).cwiseAbs().maxCoeff(), 1e-12);
 }
@@ -44,7 +44,7 @@ TEST(Membrane, IsWithinTheHullOfItsFrame) {
     x.col(2) = x.col(0).array() * x.col(1).array();
     const double low = x.col(2).minCoeff(), high = x.col(2).maxCoeff();
     for (const Index v : film.inner) x(v, 2) = 5.0;
-    span_membrane(film.sheet.laplacian(), film.inner, x);
+    span_membrane(film.sheet.laplacian(), film.inner, x, film.progress);
     EXPECT_GE(x.col(2).minCoeff(), low - 1e-12);
     EXPECT_LE(x.col(2).maxCoeff(), high + 1e-12);
 }
@@ -67,7 +67,7 @@ TEST(Membrane, StaysWhereNothingHoldsIt) {
             x(p, 2) = 1.0 + 0.01 * p;
         }
     const Positions before = x;
-    span_membrane(sheet.laplacian(), free, x);
+    span_membrane(sheet.laplacian(), free, x, progress);
     for (Index p = 0; p < to_index(x.rows()); ++p) {
         if (mesh.parts[to_size(p)] == 0)
             EXPECT_EQ(x.row(p), before.row(p));

@@ -142,6 +142,12 @@ TEST(Welding, KeepsTheSmallestFaces) {
     EXPECT_EQ(mesh.part_areas.size(), 2);
 }
 
+TEST(Welding, KeepsStripsThatAreThinnerThanRounding) {
+    Cloud strip = mesh_shapes::grid(20);
+    strip.positions.col(0) *= 3e-6;
+    EXPECT_EQ(make_mesh(strip).positions.rows(), 21 * 21);
+}
+
 TEST(Welding, WeldsSplitFacesThatDontAgree) {
     const Cloud cloud = mesh_shapes::split(
         mesh_shapes::reversed(mesh_shapes::icosphere(2), [](Index f) { return f % 3 == 0; }));
@@ -181,7 +187,7 @@ Cloud book(Index pages, Index along) {
 
 TEST(Welding, TakesAnEdgeWithVeryManyTriangles) {
     // Counted or compared one with another, these would take minutes.
-    constexpr Index kPages = 100000;
+    constexpr Index kPages = 200000;
     EXPECT_EQ(make_mesh(book(kPages, kPages / 2 - 1)).part_areas.size(), kPages);
 }
 
@@ -264,7 +270,7 @@ TEST(Welding, PairsEachPageWithTheNextThatRunsTheOtherWay) {
 
 TEST(Welding, TakesAnEdgeWhoseManyTrianglesRunInTurn) {
     // Each compared with every other, these would take minutes.
-    constexpr Index kPages = 100000;
+    constexpr Index kPages = 200000;
     std::vector<Page> pages;
     for (Index k = 0; k < kPages; ++k)
         pages.push_back({2.0 * std::numbers::pi * k / kPages, k % 2 == 0});

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -37,8 +36,13 @@ private:
     GradualSimilarity similarity_;
     Motion motion_;
     std::unique_ptr<const Bend> bend_;  ///< null unless the path is rigid
-    /// Vertices that lie beside the first one of their place, by rounding, and where.
-    std::vector<std::pair<Index, Eigen::RowVector3d>> rounded_;
+    /// A vertex that lies beside the first one of its place at an end, by rounding or as it is
+    /// told.
+    struct Beside {
+        Index vertex;
+        Eigen::RowVector3d here, there;
+    };
+    std::vector<Beside> beside_;
 };
 
 }  // namespace pointmorph
