@@ -102,6 +102,15 @@ struct KdTree<Dim>::Impl {
                         std::span<double> squared_distances) const {
         std::size_t count = 0;
         const std::size_t most = indices.size();
+        if (most == 1) {
+            NearestOne one(squared_radius);
+            tree.find(one, query);
+            if (!one.empty()) {
+                indices[0] = one.row();
+                squared_distances[0] = one.squared();
+            }
+            return one.size();
+        }
         if constexpr (Dim == 6)
             if (most > 18 && most <= 24 &&
                 find_few<12>(tree, query, squared_radius, indices, squared_distances, count))

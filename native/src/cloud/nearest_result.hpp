@@ -72,6 +72,35 @@ private:
     double squared_radius_, worst_;
 };
 
+/// The same for one point.
+class NearestOne {
+public:
+    using DistanceType = double;
+    using IndexType = Index;
+
+    explicit NearestOne(double squared_radius) : squared_(squared_radius), worst_(squared_radius) {}
+
+    bool addPoint(double squared_distance, Index row) {
+        if (squared_distance < squared_ || (squared_distance == squared_ && row < row_)) {
+            squared_ = squared_distance;
+            row_ = row;
+            worst_ = squared_distance > 0.0 ? squared_distance * (1.0 + 1e-14) : -1.0;
+        }
+        return true;
+    }
+    double worstDist() const { return worst_; }
+    bool full() const { return !empty(); }
+    std::size_t size() const { return empty() ? 0 : 1; }
+    bool empty() const { return row_ < 0; }
+
+    Index row() const { return row_; }
+    double squared() const { return squared_; }
+
+private:
+    double squared_, worst_;
+    Index row_ = -1;
+};
+
 /// The same for 2 * Halves points at the most, of a tree that hands over the points of a leaf at
 /// once. Distances alone are kept sorted, in registers and without a branch that nobody can
 /// foresee; rows are sought out in the end, among those of all that were near enough at their time.
