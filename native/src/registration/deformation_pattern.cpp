@@ -1,6 +1,7 @@
 #include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
