@@ -9,7 +9,7 @@ from mathutils import Matrix
 
 from ..core import transforms
 from ..data import arrays, creation
-from . import as_shown, object_looks
+from . import as_shown, morph_object, object_looks
 
 _TYPES = ("MESH", *arrays.MADE_TYPES)
 
@@ -90,8 +90,8 @@ def join(context, chosen, lead):
         rig, bones = _rig_of(owners)
         goes_on = rig is not None and rig.data.pose_position == "REST"
         for part, (_, owner) in zip(parts, found, strict=True):
-            if goes_on and owner in bones:
-                _weigh(part, bones[owner])
+            if goes_on and (owner in bones or not _is_bent(owner)):
+                _weigh(part, rig, bones.get(owner))
     joined = _joined(context, parts)
     for mesh in meshes[1:]:
         bpy.data.meshes.remove(mesh)
@@ -100,7 +100,7 @@ def join(context, chosen, lead):
     context.scene.collection.objects.unlink(joined)
     as_shown.link_beside(context, lead, joined)
     if goes_on:
-        _bend(context, joined, rig)
+        _bend(context, joined, rig, owners)
     for owner in owners:
         as_shown.hide(context, owner)
     return joined, len(found), rig
@@ -130,29 +130,42 @@ def _rig_of(owners):
     return rig, bones
 
 
-def _weigh(part, bone):
-    """Has a bone move all of a part."""
-    part.vertex_groups.clear()
-    part.vertex_groups.new(name=bone).add(range(len(part.data.vertices)), 1.0, "REPLACE")
+def _is_bent(owner):
+    """Whether an armature bends a part by its vertex groups."""
+    return owner.parent_type == "ARMATURE" or any(m.type == "ARMATURE" for m in owner.modifiers)
 
 
-def _bend(context, obj, rig):
-    """Has an armature in Rest Position move an object from now on."""
+def _weigh(part, rig, bone):
+    """Has a bone, or none, move all of a part, whatever groups with names of bones it has."""
+    for group in list(part.vertex_groups):
+        if group.name in rig.data.bones:
+            part.vertex_groups.remove(group)
+    if bone is not None:
+        part.vertex_groups.new(name=bone).add(range(len(part.data.vertices)), 1.0, "REPLACE")
+
+
+def _bend(context, obj, rig, owners):
+    """Has an armature in Rest Position move an object from now on, as it bent the parts."""
+    bending = [m for one in owners for m in one.modifiers if m.type == "ARMATURE"]
+    keeps_volume = bool(bending) and all(m.use_deform_preserve_volume for m in bending)
     context.view_layer.update()
     placed = obj.matrix_world.copy()
     obj.parent = rig
     obj.matrix_world = placed
-    obj.modifiers.new("Armature", "ARMATURE").object = rig
+    modifier = obj.modifiers.new("Armature", "ARMATURE")
+    modifier.object, modifier.use_deform_preserve_volume = rig, keeps_volume
 
 
 def _family(context, chosen):
-    """Objects, and all that is parented to them or bent by one of them."""
+    """Objects, and all but morphs that is parented to them or bent by one of them."""
     known, found = set(chosen), set(chosen)
     for one in context.view_layer.objects:
         bent_by = {m.object for m in one.modifiers if m.type in {"ARMATURE", "LATTICE"}}
         above = one.parent
         while above is not None and above not in known:
             above = above.parent
+        if morph_object.is_made(one):
+            continue  # the source's rig moves it, too
         if one not in known and (above is not None or bent_by & set(chosen)):
             found.add(one)
     return found
@@ -205,7 +218,8 @@ def _take_materials(mesh, obj):
 
 def _move(mesh, matrix):
     """Takes a mesh through a matrix; faces show the same side, with the same shading."""
-    bent = not transforms.keeps_angles(matrix) and arrays.keep_normals(mesh)
+    is_flat = abs(matrix.determinant()) < 1e-30  # what it flattens has the normals of its faces
+    bent = not is_flat and not transforms.keeps_angles(matrix) and arrays.keep_normals(mesh)
     corners = arrays.mesh_corners(mesh)
     mesh.transform(matrix)
     if transforms.is_mirrored(matrix) and np.array_equal(arrays.mesh_corners(mesh), corners):
@@ -216,14 +230,19 @@ def _move(mesh, matrix):
 
 def _share_uv_map(meshes):
     """Gives the UV map that is rendered one name on all meshes: joined, they have one that is."""
-    layers = [object_looks.render_layer(mesh) for mesh in meshes]
-    names = [layer.name for layer in layers if layer is not None]
-    for mesh, layer in zip(meshes, layers, strict=True):
-        if layer is not None and names[0] not in mesh.uv_layers:
-            arrays.write_uvs(mesh, names[0], arrays.corner_uvs(layer))
-        if layer is not None and names[0] in mesh.uv_layers:
-            mesh.uv_layers[names[0]].active_render = True
-            mesh.uv_layers.active = mesh.uv_layers[names[0]]
+    rendered = [(mesh, object_looks.render_layer(mesh)) for mesh in meshes]
+    rendered = [(mesh, layer) for mesh, layer in rendered if layer is not None]
+    names = [layer.name for _, layer in rendered]
+    for name in (*names, *(f"{name} Rendered" for name in names)):
+        # Where it is another map's, materials go on naming that.
+        if all(layer.name == name or name not in mesh.uv_layers for mesh, layer in rendered):
+            break
+    for mesh, layer in rendered:
+        if name not in mesh.uv_layers:
+            arrays.write_uvs(mesh, name, arrays.corner_uvs(layer))
+        if name in mesh.uv_layers:
+            mesh.uv_layers[name].active_render = True
+            mesh.uv_layers.active = mesh.uv_layers[name]
 
 
 def _joined(context, parts):

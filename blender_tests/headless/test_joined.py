@@ -313,3 +313,59 @@ def test_the_panel_offers_to_join_what_may_be_parts(addon, selected, offered):
     panel = addon("ui.panels").POINTMORPH_PT_morph
     panel._draw_shapes(SimpleNamespace(_draw_between=None), layout, drawing_context())
     assert ("join_copies" in layout.drawn) == offered
+
+
+def test_what_is_rendered_is_no_other_map_of_the_same_name():
+    """A part had the image that its light map is for."""
+    first, second = add_part("A", None, uv_map="UVMap"), add_part("B", None, uv_map="UVMap")
+    layer = second.data.uv_layers.new(name="Second")
+    for uv in layer.uv:
+        uv.vector = (0.75, 0.5)
+    layer.active_render = True
+    joined = join(first, second)
+    shown = next(layer for layer in joined.data.uv_layers if layer.active_render)
+    assert sum(tuple(uv.vector) == (0.75, 0.5) for uv in shown.uv) == len(shown.uv) // 2
+    for name in ("UVMap", "Second"):
+        assert name in joined.data.uv_layers
+    light = [uv.vector.x for uv in joined.data.uv_layers["UVMap"].uv]
+    assert 0.75 not in light or light.count(0.75) < len(light) // 2
+
+
+def test_parts_keep_their_marks_and_stay_where_no_bone_moves_them():
+    rig, (bent, held, _) = add_character("REST")
+    held.vertex_groups.new(name="pm.tip").add([3], 1.0, "REPLACE")
+    still = add_part("Still", rig, Matrix.Translation((9, 0, 0)))
+    still.vertex_groups.new(name="Bone").add(range(25), 1.0, "REPLACE")
+    bent.modifiers[0].use_deform_preserve_volume = True
+    joined = join(rig)
+    assert "pm.tip" in joined.vertex_groups
+    assert joined.modifiers[0].use_deform_preserve_volume
+    rig.data.pose_position = "POSE"
+    still.hide_set(False)
+    bpy.context.view_layer.update()
+    apart = np.linalg.norm(shown_vertices(joined)[:, None] - shown_vertices(still), axis=2)
+    assert apart.min(axis=0).max() < 1e-5
+
+
+def test_a_morph_that_the_rig_moves_is_no_part(settings):
+    """Whoever joined the parts again after edits got the morph in the mesh, and hidden."""
+    settings.show_as = "MESH"
+    rig, parts = add_character("REST")
+    first = join(rig)
+    other = add_part("Other", None, Matrix.Translation((0, 0, 9)))
+    select(first, other)
+    shown = morph()
+    assert shown.parent == rig
+    bpy.data.objects.remove(first)
+    for part in parts:
+        part.hide_set(False)
+    assert len(join(rig).data.vertices) == 75
+    assert not shown.hide_get()
+
+
+def test_what_a_scale_of_zero_flattens_is_joined():
+    first, flat = add_part("A", None), add_part("B", None, Matrix.Diagonal((1, 1, 0, 1)))
+    flat.data.normals_split_custom_set([(0.3, 0.4, 0.866)] * len(flat.data.loops))
+    joined = join(first, flat)
+    assert len(joined.data.vertices) == 50
+    assert np.isfinite(coordinates(joined.data.vertices)).all()
