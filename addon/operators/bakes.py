@@ -238,7 +238,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         source, shown = recipes.shapes_of(obj)[0], morph_object.shown_of(obj)
         if source is None or obj.pointmorph.follows or not shown.pointmorph.keeps_faces:
             return
-        if as_shown.is_rigged(source) and as_shown.changed_by(context, source):
+        if as_shown.is_posed(source) and as_shown.changed_by(context, source):
             self.report(
                 {"WARNING"},
                 f'The frames are without the pose that the armature of "{source.name}" gives to '

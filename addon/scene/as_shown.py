@@ -124,6 +124,15 @@ def is_rigged(obj):
     return by_parent or any(m.type == "ARMATURE" and m.show_viewport for m in obj.modifiers)
 
 
+def is_posed(obj):
+    """Whether an armature, which isn't in Rest Position, bends an object."""
+    rigs = [m.object for m in obj.modifiers if m.type == "ARMATURE" and m.show_viewport]
+    rigs += [obj.parent] if obj.parent_type == "ARMATURE" else []
+    return any(
+        r is not None and r.type == "ARMATURE" and r.data.pose_position == "POSE" for r in rigs
+    )
+
+
 def is_cache(modifier):
     """Whether a modifier puts vertices in places from a file, wherever they were before it."""
     return modifier.type == "MESH_SEQUENCE_CACHE" or (
@@ -141,7 +150,7 @@ def how_to_keep(obj, called):
     copy as shown has applied."""
     if has_cache(obj):  # which would undo the morph
         return "show the morph as points or discs and turn on Follow"
-    if is_rigged(obj):  # with Keep Modifiers, the pose would be there twice
+    if is_posed(obj):  # with Keep Modifiers, the pose would be there twice
         return (
             f"set its armature to Rest Position, that of the target as well, choose {called} as "
             "the source and morph again"
@@ -152,7 +161,7 @@ def how_to_keep(obj, called):
 def posed_twice(context, source, target):
     """In words, that two characters are posed, the first of which is read at rest because its
     armature goes on bending it; None where they aren't. The scene must be up to date."""
-    if not (is_rigged(source) and is_rigged(target)):
+    if not (is_posed(source) and is_posed(target)):
         return None
     if not (changed_by(context, source) and changed_by(context, target)):
         return None

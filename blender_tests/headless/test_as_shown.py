@@ -512,3 +512,17 @@ def test_what_does_nothing_is_not_called_as_shown(addon):
     assert not known.may_change(source)
     put_on(source, "mirror")
     assert known.may_change(source)
+
+
+def test_advice_is_not_to_do_what_is_done(addon):
+    """At rest, what is applied is something else than the pose."""
+    as_shown = addon("scene.as_shown")
+    obj = add_mesh("Hill", *patch(7))
+    add_armature(obj, (0, 0, 0.5))
+    obj.modifiers.new("Mirror", "MIRROR")
+    for position, words in (("POSE", "Rest Position"), ("REST", "Keep Modifiers")):
+        bpy.data.objects["Rig"].data.pose_position = position
+        bpy.context.view_layer.update()
+        assert words in as_shown.how_to_keep(obj, "it")
+        posed = as_shown.posed_twice(bpy.context, obj, obj)
+        assert (posed is None) == (position == "REST")
