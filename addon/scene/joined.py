@@ -76,7 +76,7 @@ def join(context, chosen, lead):
                 "Select the others as well, or the object that they are parented to.",
             )
         meshes = [mesh for mesh, _ in found]
-        _share_uv_map(meshes)
+        rendered = _share_uv_map(meshes)
         for mesh in meshes:
             if not mesh.materials and any(other.materials for other in meshes):
                 mesh.materials.append(None)  # else it would get the first one of another
@@ -90,11 +90,13 @@ def join(context, chosen, lead):
         rig, bones = _rig_of(owners)
         goes_on = rig is not None and rig.data.pose_position == "REST"
         for part, (_, owner) in zip(parts, found, strict=True):
-            if goes_on and (owner in bones or not _is_bent(owner)):
+            if goes_on and (owner in bones or not _is_bent(owner, rig)):
                 _weigh(part, rig, bones.get(owner))
     joined = _joined(context, parts)
     for mesh in meshes[1:]:
         bpy.data.meshes.remove(mesh)
+    if rendered is not None:
+        _render_uv_map(joined.data, rendered)
     joined.name = joined.data.name = f"{lead.name} Joined"
     joined.location = origin
     context.scene.collection.objects.unlink(joined)
@@ -130,9 +132,12 @@ def _rig_of(owners):
     return rig, bones
 
 
-def _is_bent(owner):
+def _is_bent(owner, rig):
     """Whether an armature bends a part by its vertex groups."""
-    return owner.parent_type == "ARMATURE" or any(m.type == "ARMATURE" for m in owner.modifiers)
+    by_parent = owner.parent == rig and owner.parent_type == "ARMATURE"
+    return by_parent or any(
+        m.type == "ARMATURE" and m.show_viewport and m.object == rig for m in owner.modifiers
+    )
 
 
 def _weigh(part, rig, bone):
@@ -199,9 +204,9 @@ def _shown(depsgraph, family):
         if obj.evaluated_get(depsgraph) == shown.object:
             if shown.is_instance or shown.show_self:
                 found.append((obj, shown.matrix_world.copy(), owner))
-        elif owner.type == "MESH":  # else it is the surface of a curve or text itself
+        elif obj.type == "MESH":  # else it is the surface of a curve or text itself
             raise pointmorph.CloudError(
-                owner.name,
+                obj.name,
                 "a mesh in the viewport",
                 "instances",
                 'Add the node "Realize Instances" at the end of its Geometry Nodes.',
@@ -229,10 +234,11 @@ def _move(mesh, matrix):
 
 
 def _share_uv_map(meshes):
-    """Gives the UV map that is rendered one name on all meshes: joined, they have one that is."""
+    """Gives the UV map that is rendered one name on all meshes, and returns it: joined, they have
+    one that is. None where no mesh has one."""
     rendered = [(mesh, object_looks.render_layer(mesh)) for mesh in meshes]
     rendered = [(mesh, layer) for mesh, layer in rendered if layer is not None]
-    names = [layer.name for _, layer in rendered]
+    names, name = [layer.name for _, layer in rendered], None
     for name in (*names, *(f"{name} Rendered" for name in names)):
         # Where it is another map's, materials go on naming that.
         if all(layer.name == name or name not in mesh.uv_layers for mesh, layer in rendered):
@@ -240,9 +246,14 @@ def _share_uv_map(meshes):
     for mesh, layer in rendered:
         if name not in mesh.uv_layers:
             arrays.write_uvs(mesh, name, arrays.corner_uvs(layer))
-        if name in mesh.uv_layers:
-            mesh.uv_layers[name].active_render = True
-            mesh.uv_layers.active = mesh.uv_layers[name]
+    return name
+
+
+def _render_uv_map(mesh, name):
+    """Has a mesh render a UV map: joined, it may have another one of its parts'."""
+    if name in mesh.uv_layers:
+        mesh.uv_layers[name].active_render = True
+        mesh.uv_layers.active = mesh.uv_layers[name]
 
 
 def _joined(context, parts):

@@ -369,3 +369,33 @@ def test_what_a_scale_of_zero_flattens_is_joined():
     joined = join(first, flat)
     assert len(joined.data.vertices) == 50
     assert np.isfinite(coordinates(joined.data.vertices)).all()
+
+
+def show_in_collection(*parts):
+    """An empty that shows a collection with these parts, which aren't seen otherwise."""
+    shown = bpy.data.collections.new("Set")
+    for part in parts:
+        bpy.context.scene.collection.objects.unlink(part)
+        shown.objects.link(part)
+    empty = add_empty("Shows", (0, 7, 0))
+    empty.instance_type, empty.instance_collection = "COLLECTION", shown
+    bpy.context.view_layer.update()
+    return empty
+
+
+def test_instances_in_a_collection_that_is_shown_are_not_left_out_in_silence():
+    part, others = add_part("Part", None), [add_part(name, None) for name in "AB"]
+    show_by_nodes(part, "GeometryNodeInstanceOnPoints")
+    group = part.modifiers[0].node_group
+    instances = next(n for n in group.nodes if n.bl_idname == "GeometryNodeInstanceOnPoints")
+    cone = group.nodes.new("GeometryNodeMeshCone")
+    group.links.new(cone.outputs[0], instances.inputs["Instance"])
+    select(show_in_collection(part, *others))
+    said = error_of(bpy.ops.pointmorph.join_copies)
+    assert 'Part: expected a mesh in the viewport, found instances. Add the node "Realize' in said
+
+
+def test_texts_in_a_collection_that_is_shown_are_joined():
+    bpy.ops.object.text_add()
+    joined = join(show_in_collection(bpy.context.object, add_part("Part", None)))
+    assert len(joined.data.vertices) > 25
