@@ -1,4 +1,5 @@
-// Which points of a mesh lie on its borders. Not for callers of the library.
+// Which points of a mesh lie on its borders, and which places beyond them. Not for callers of the
+// library.
 #pragma once
 
 #include <algorithm>
@@ -47,5 +48,11 @@ private:
     /// Corners of edges along borders, the lower row first, and each corner with itself; ascending.
     std::vector<std::array<Index, 2>> edges_;
 };
+
+/// Of each place, facing so, whether it is beyond an end of a mesh: more than 0.01 from its nearest
+/// point, which is on a border, or on a face that shows its inside: that of the other wall, across
+/// an opening. `tree` holds the triangles of the mesh, in the lengths of `x`.
+std::vector<char> beyond_ends(const Mesh& mesh, const TriangleTree& tree, const Positions& x,
+                              const Normals& normals, Progress& progress);
 
 }  // namespace pointmorph

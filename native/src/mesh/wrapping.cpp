@@ -147,9 +147,14 @@ private:
     void span_openings(const Faces& faces, Progress& progress) {
         // Of things, up to .01 were bared; of a ball on loose cards, .26 to .46.
         constexpr double kMuch = 0.05;  // of the area
-        const BorderEdges borders(faces.mesh);
-        if (borders.empty()) return;
-        const std::vector<Index> beyond = beyond_ends(faces, borders, progress);
+        if (faces.mesh.borders.empty()) return;
+        const std::vector<char> is_beyond =
+            beyond_ends(faces.mesh, faces.tree, x_, sheet_.normals(x_, progress), progress);
+        const std::vector<char> is_fixed = fixed(0.0);
+        std::vector<Index> beyond;
+        for (Index v = 0; v < x_.rows(); ++v)
+            if (is_beyond[to_size(v)] && !is_fixed[to_size(v)] && !sheet_.around(v).empty())
+                beyond.push_back(v);
         if (beyond.empty()) return;
         const auto unreached = [&] {
             tree_.move(x_, progress);
@@ -160,30 +165,6 @@ private:
         const double least = unreached();
         span_membrane(sheet_.laplacian(), beyond, x_, progress);
         if (unreached() > least + kMuch) x_ = before;
-    }
-
-    /// Farther off than these from the nearest point of the target, which is on a border, or on a
-    /// face that shows its inside: that of the other wall, across an opening. Ascending.
-    std::vector<Index> beyond_ends(const Faces& faces, const BorderEdges& borders,
-                                   Progress& progress) {
-        constexpr double kBeyond = 0.01;
-        const std::vector<char> is_fixed = fixed(0.0);
-        const Normals normals = sheet_.normals(x_, progress);
-        std::vector<char> is_beyond(to_size(x_.rows()), 0);
-        parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
-            for (Index v = begin; v < end; ++v) {
-                if (is_fixed[to_size(v)] || sheet_.around(v).empty()) continue;
-                const SurfacePoint point = faces.tree.closest(x_.row(v).transpose());
-                is_beyond[to_size(v)] =
-                    point.squared_distance > kBeyond * kBeyond &&
-                    (borders.hold(point) ||
-                     faces.mesh.normals.row(point.triangle).dot(normals.row(v)) < 0.0);
-            }
-        });
-        std::vector<Index> beyond;
-        for (Index v = 0; v < x_.rows(); ++v)
-            if (is_beyond[to_size(v)]) beyond.push_back(v);
-        return beyond;
     }
 
     void finish_on(const Faces* faces, Progress& progress) {
