@@ -10,10 +10,10 @@
 #include "base/grouped.hpp"
 #include "cloud/closed_length.hpp"
 #include "mesh/doubled_area.hpp"
+#include "mesh/facing.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/welding.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
-#include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
 
@@ -54,49 +54,6 @@ void take_triangles(const Polygons& faces, Mesh& mesh, Progress& progress) {
         }
 }
 
-void reverse(Mesh& mesh, Index f) {
-    std::swap(mesh.triangles(f, 1), mesh.triangles(f, 2));
-    std::swap(mesh.vertices(f, 1), mesh.vertices(f, 2));
-}
-
-/// Turns triangles so that neighbors over edges of two triangles agree, most of the area as given.
-/// Returns whether any had to be turned.
-bool make_agree(const MeshEdges& edges, Mesh& mesh) {
-    const Triangles& triangles = mesh.triangles;
-    const auto count = to_index(triangles.rows());
-    std::vector<signed char> sign(to_size(count), 0);
-    std::vector<Index> patch;
-    for (Index seed = 0; seed < count; ++seed) {
-        if (sign[to_size(seed)] != 0) continue;
-        patch.assign(1, seed);
-        sign[to_size(seed)] = 1;
-        double kept = 0.0, turned = 0.0;
-        for (std::size_t next = 0; next < patch.size(); ++next) {
-            const Index f = patch[next];
-            (sign[to_size(f)] > 0 ? kept : turned) += mesh.areas[f];
-            for (Index k = 0; k < 3; ++k) {
-                const auto sides = edges[edges.edge_of(f, k)];
-                if (sides.size() != 2) continue;
-                const MeshEdges::Side other = sides[0].triangle == f ? sides[1] : sides[0];
-                if (sign[to_size(other.triangle)] != 0) continue;
-                const bool agree = start_of(triangles, other) != triangles(f, k);
-                sign[to_size(other.triangle)] =
-                    static_cast<signed char>(agree ? sign[to_size(f)] : -sign[to_size(f)]);
-                patch.push_back(other.triangle);
-            }
-        }
-        if (turned > kept)
-            for (const Index f : patch) sign[to_size(f)] = -sign[to_size(f)];
-    }
-    bool has_turned = false;
-    for (Index f = 0; f < count; ++f) {
-        if (sign[to_size(f)] > 0) continue;
-        reverse(mesh, f);
-        has_turned = true;
-    }
-    return has_turned;
-}
-
 void find_areas(Mesh& mesh) {
     mesh.areas.resize(mesh.triangles.rows());
     for (Index f = 0; f < mesh.triangles.rows(); ++f) {
@@ -125,23 +82,6 @@ void find_parts(Mesh& mesh) {
     }
     mesh.parts.resize(to_size(count));
     for (Index p = 0; p < count; ++p) mesh.parts[to_size(p)] = label[to_size(joined.root(p))];
-}
-
-/// Whether the largest part is closed and its faces show their inside.
-bool shows_inside(const MeshEdges& edges, const Mesh& mesh) {
-    for (Index e = 0; e < edges.size(); ++e)
-        if (mesh.parts[to_size(start_of(mesh.triangles, edges[e].front()))] == 0 &&
-            edges[e].size() != 2)
-            return false;
-    double volume = 0.0;  // six times
-    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
-        if (mesh.parts[to_size(mesh.triangles(f, 0))] != 0) continue;
-        const auto corner = [&](Index k) -> Vector3 {
-            return mesh.positions.row(mesh.triangles(f, k)).transpose();
-        };
-        volume += corner(0).dot(corner(1).cross(corner(2)));
-    }
-    return faces_inside(volume / 6.0, mesh.part_areas[0]);
 }
 
 void find_normals(Mesh& mesh) {
@@ -254,11 +194,7 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     if (make_agree(edges, mesh)) edges = MeshEdges(mesh.triangles);
     ask();
     find_parts(mesh);
-    if (mesh.triangles.rows() > 0 && shows_inside(edges, mesh)) {
-        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh, f);
-        mesh.turned_outwards = true;
-        edges = MeshEdges(mesh.triangles);
-    }
+    if (turn_outward(edges, mesh)) edges = MeshEdges(mesh.triangles);
     ask();
     find_normals(mesh);
     ask();

@@ -137,7 +137,7 @@ Subdivision subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
     if (ends.empty()) return {mesh, {}};
     Mesh result = mesh_of(mesh.unit, std::move(positions), std::move(triangles));
     result.places = mesh.places;
-    result.turned_outwards = mesh.turned_outwards;
+    result.parts_turned = mesh.parts_turned;
     return {std::move(result), std::move(ends)};
 }
 

@@ -110,7 +110,7 @@ private:
         Mesh finer =
             mesh_of(mesh_.unit, std::move(positions), triangles_of(pieces, mesh_.triangles, sides));
         finer.places = std::move(mesh_.places);
-        finer.turned_outwards = mesh_.turned_outwards;
+        finer.parts_turned = mesh_.parts_turned;
         mesh_ = std::move(finer);
     }
 

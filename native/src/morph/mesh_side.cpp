@@ -151,14 +151,22 @@ SampleValues MeshSide::values(const SampleValues& of_samples, Progress& progress
     return gather(carried_->values(of_samples, progress), mesh_.places);
 }
 
+void MeshSide::reverse_against(const Normals& normals, Normals& given) const {
+    const auto part_of = [&](Index v) { return mesh_.parts[to_size(mesh_.places[to_size(v)])]; };
+    Values sums = Values::Zero(mesh_.part_areas.size());
+    for (Index v = 0; v < given.rows(); ++v)
+        if (part_of(v) >= 0) sums[part_of(v)] += given.row(v).normalized().dot(normals.row(v));
+    for (Index v = 0; v < given.rows(); ++v)
+        if (part_of(v) >= 0 && sums[part_of(v)] < 0.0) given.row(v) = -given.row(v);
+}
+
 Cloud MeshSide::completed(Cloud cloud) const {
     constexpr double kLeastForPoints = 100.0;  // vertices of a mesh whose points fill its surface
     const Normals normals = gather(mesh_.place_normals, mesh_.places);
     if (cloud.normals.rows() == 0)
         cloud.normals = normals;
-    else if (mesh_.turned_outwards &&
-             cloud.normals.rowwise().normalized().cwiseProduct(normals).sum() < 0.0)
-        cloud.normals = -cloud.normals;
+    else if (mesh_.parts_turned > 0)
+        reverse_against(normals, cloud.normals);
     if (cloud.radii.rows() > 0) return cloud;
 
     Values areas = Values::Zero(mesh_.positions.rows());
@@ -254,8 +262,9 @@ Pairing pairs_in_domain(const ProductView& points, std::span<const Feature> feat
 std::vector<std::string> turned_faces(const MorphInput& input, const MeshSides& sides) {
     std::vector<std::string> warnings;
     const auto add = [&](const std::optional<MeshSide>& side, const Cloud& cloud) {
-        if (side && side->mesh().turned_outwards)
-            warnings.push_back(faces_were_reversed(cloud.name));
+        if (!side || side->mesh().parts_turned == 0) return;
+        warnings.push_back(faces_were_reversed(
+            cloud.name, side->mesh().parts_turned < to_index(side->mesh().part_areas.size())));
     };
     add(sides.source, input.source);
     add(sides.target, input.target);

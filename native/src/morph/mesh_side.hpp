@@ -56,6 +56,8 @@ public:
 
 private:
     void find_marks(std::span<const Feature> features, Marked Feature::*side);
+    /// Reverses those of parts where they are against the faces' `normals` (#vertices by 3).
+    void reverse_against(const Normals& normals, Normals& given) const;
     std::vector<Index> thinned(const Feature& curve, const Marked& marked) const;
     Index row_of(Index vertex) const;
 

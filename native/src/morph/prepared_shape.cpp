@@ -266,7 +266,7 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
             const ShapeInput& input = inputs[to_size(k)];
             shape = with_topology(std::move(shape), {input.parts, input.counts}, options.boundary,
                                   options.topology, its);
-            make_outward(shape);
+            if (input.parts.empty()) make_outward(shape);  // else faces say what is outside
         });
     }
     one_by_one(count, progress, 0.9, 1.0,

@@ -119,8 +119,9 @@ std::vector<std::string> paper_warnings(std::span<const Feature> features) {
         "exactly."};
 }
 
-std::string faces_were_reversed(const std::string& shape) {
-    return "The faces of " + shape + " pointed inward: they were reversed.";
+std::string faces_were_reversed(const std::string& shape, bool only_some) {
+    return (only_some ? "Some faces of " : "The faces of ") + shape +
+           " pointed inward: they were reversed.";
 }
 
 std::string normals_disagree() {

@@ -24,7 +24,7 @@ std::vector<std::string> handle_warnings(const PreparedShapes& shapes);
 /// Of features that method paper can't keep to; empty where there are none.
 std::vector<std::string> paper_warnings(std::span<const Feature> features);
 
-std::string faces_were_reversed(const std::string& shape);
+std::string faces_were_reversed(const std::string& shape, bool only_some);
 std::string normals_disagree();
 
 std::string earlier_map_was_ignored(const std::string& domain);

@@ -48,7 +48,7 @@ TEST(Mesh, OfACubeHasItsAreaVolumeAndNormals) {
     EXPECT_NEAR(volume(mesh) * scale * scale * scale, 8.0, 1e-12);
     EXPECT_TRUE(mesh.borders.empty());
     EXPECT_EQ(mesh.part_areas.size(), 1);
-    EXPECT_FALSE(mesh.turned_outwards);
+    EXPECT_EQ(mesh.parts_turned, 0);
     for (Index v = 0; v < 8; ++v) {  // by angle: as if the squares weren't cut
         const Index place = mesh.places[to_size(v)];
         EXPECT_LT((mesh.place_normals.row(place) - mesh.positions.row(place).normalized()).norm(),
@@ -70,18 +70,18 @@ TEST(Mesh, TurnsFacesToAgreeAndOutwards) {
     const Mesh right = make_mesh(mesh_shapes::icosphere(2));
     const Mesh some = make_mesh(
         mesh_shapes::reversed(mesh_shapes::icosphere(2), [](Index f) { return f % 3 == 0; }));
-    EXPECT_FALSE(some.turned_outwards);
+    EXPECT_EQ(some.parts_turned, 0);
     EXPECT_NEAR(volume(some), volume(right), 1e-12);
     const Mesh inside_out =
         make_mesh(mesh_shapes::reversed(mesh_shapes::icosphere(2), [](Index) { return true; }));
-    EXPECT_TRUE(inside_out.turned_outwards);
+    EXPECT_EQ(inside_out.parts_turned, 1);
     EXPECT_NEAR(volume(inside_out), volume(right), 1e-12);
 }
 
 TEST(Mesh, LeavesAnOpenSheetAsItFaces) {
     const Mesh down =
         make_mesh(mesh_shapes::reversed(mesh_shapes::grid(4), [](Index) { return true; }));
-    EXPECT_FALSE(down.turned_outwards);
+    EXPECT_EQ(down.parts_turned, 0);
     EXPECT_LT((down.normals.rowwise() - Eigen::RowVector3d(0, 0, -1)).norm(), 1e-12);
 }
 

@@ -419,6 +419,25 @@ TEST(Morph, InwardNormalsOfAClosedModelAreTurned) {
     EXPECT_TRUE(checks::mentions(morph.report().warnings, "pointed inward"));
 }
 
+TEST(Morph, FacesThatShowBothSidesPointNowhere) {
+    const auto two_sided = [](double size) {
+        const Cloud ball = mesh_shapes::icosphere(2);
+        const Cloud back = mesh_shapes::reversed(ball, [](Index) { return true; });
+        return mesh_shapes::together(
+            mesh_shapes::together(back, ball),
+            mesh_shapes::moved(mesh_shapes::cube(), size * Matrix3::Identity(),
+                               Vector3(2.0, 0.0, 0.0)));
+    };
+    Progress progress;
+    MorphOptions options;
+    options.refinement = lighter_where_watched();
+    const Morph morph({.source = two_sided(0.5), .target = two_sided(0.6)}, options, progress);
+    EXPECT_FALSE(checks::mentions(morph.report().warnings, "inward"));
+    const Positions images = morph.source_to_target(progress).bottomRows(8);
+    const Positions expected = morph.target().positions.bottomRows(8);
+    EXPECT_LT((images - expected).cwiseAbs().maxCoeff(), 0.05);
+}
+
 TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     MorphOptions options;
     options.domain = Domain::kDisk;

@@ -34,15 +34,16 @@ struct Mesh {
     Values part_areas;         ///< #parts with an area; places without triangles are in none (−1)
     /// Closed sequences of places along which the surface ends, longest first; see BoundaryLoop.
     std::vector<std::vector<Index>> borders;
-    bool turned_outwards = false;  ///< the faces showed their inside, and were reversed
+    Index parts_turned = 0;  ///< so many showed their inside, and were reversed
 
     double area() const { return areas.sum(); }
 };
 
 /// The surface of the cloud's faces. Polygons are cut into triangles where that bends and narrows
 /// them least, also where they aren't convex. Faces that lie against their neighbors are turned to
-/// agree with the larger part of what they are connected to over edges of two faces; all of them,
-/// where the largest part is closed and has a negative volume. Faces with fewer than three places,
+/// agree with the larger part of what they are connected to over edges of two faces; closed parts
+/// with a negative volume are reversed, unless they lie within another one, and with the largest
+/// one all that is open. Faces with fewer than three places,
 /// or without an area, are left out: there may be no triangles at all. `cloud` is valid; see
 /// validate().
 Mesh make_mesh(const Cloud& cloud, Progress& progress);
