@@ -4,6 +4,7 @@ import numpy as np
 import pointmorph
 
 _ACRONYMS = {"lod": "LOD", "mls": "MLS"}
+_BLENDERS = {"up": "z"}  # options of the library that Blender decides
 
 
 def by_hand(option):
@@ -42,7 +43,11 @@ def setting_tip(option):
 
 def scene_options():
     """The library's options that a scene has. What staggers is chosen on the result."""
-    return [o for o in pointmorph.options() if not o.name.startswith("stagger")]
+    return [
+        option
+        for option in pointmorph.options()
+        if option.name not in _BLENDERS and not option.name.startswith("stagger")
+    ]
 
 
 def shown_options(settings, *affects):
@@ -64,7 +69,11 @@ def changed_settings(before, now):
         See `settings_values`. `before` may have names that an earlier version used.
     """
     options = {option.name: option for option in pointmorph.options()}
-    names = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
+    names = sorted(
+        name
+        for name in {*before, *now}
+        if name not in _BLENDERS and before.get(name) != now.get(name)
+    )
     return [
         name
         for name in names
@@ -74,8 +83,9 @@ def changed_settings(before, now):
 
 
 def settings_values(settings):
-    """The settings as `pointmorph.morph` takes them; without those that are automatic."""
-    values = {}
+    """The settings as `pointmorph.morph` takes them, and what Blender decides; without those that
+    are automatic."""
+    values = dict(_BLENDERS)
     for option in scene_options():
         if option.default is None and not getattr(settings, by_hand(option)):
             continue

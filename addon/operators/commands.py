@@ -146,7 +146,7 @@ def words_of(context):
             words += ["--via", item.object.name]
     defaults = {option.name: option.default for option in scene_options()}
     for name, value in settings_values(settings).items():
-        if value != defaults[name]:
+        if value != defaults.get(name, value):
             words += ["--set", f"{name}={value}"]
     for name, options in steps:
         if name == "bake_collection" and (active := context.view_layer.objects.active) is not None:

@@ -7,8 +7,10 @@ import pointmorph
 import pytest
 from scenes import pair
 
-# What staggers is chosen on the result.
-OPTIONS = {o.name: o for o in pointmorph.options() if not o.name.startswith("stagger")}
+# What staggers is chosen on the result, and in Blender z is up.
+OPTIONS = {
+    o.name: o for o in pointmorph.options() if o.name != "up" and not o.name.startswith("stagger")
+}
 AUTOMATIC = [name for name, option in OPTIONS.items() if option.default is None]
 
 
@@ -75,7 +77,8 @@ def test_what_staggers_is_no_setting_of_a_scene(settings):
 def test_untouched_settings_are_exactly_the_defaults(addon, settings):
     """Not their float32 neighbours: the command line gets the same result then."""
     values = addon("core.settings").settings_values(settings)
-    assert values == {name: o.default for name, o in OPTIONS.items() if o.default is not None}
+    defaults = {name: o.default for name, o in OPTIONS.items() if o.default is not None}
+    assert values == {**defaults, "up": "z"}
 
 
 @pytest.mark.parametrize("name", [name for name, o in OPTIONS.items() if o.kind == "float"])

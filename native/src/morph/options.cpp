@@ -253,6 +253,13 @@ const std::vector<Option> kTable{
             .unit = "points",
             .help = "Points over which the smooth map averages. Raise it for noisy scans",
             .method = Method::kPaper}),
+    choice(POINTMORPH_FIELD(refinement.pose.up),
+           {.name = "up",
+            .choices = {"none", "x", "y", "z"},
+            .help = "Which axis is up. Models that have little in common may face different ways, "
+                    "but one isn't laid on its side, or turned upside down, to become the other. "
+                    "none: they also face the same way",
+            .method = Method::kAuto}),
     choice(POINTMORPH_FIELD(missing_parts),
            {.name = "missing_parts",
             .choices = {"leave", "stretch"},

@@ -224,15 +224,19 @@ void try_as_given(const PoseSearch& search, std::vector<Trial>& trials, Progress
 
 /// Of sorted trials the best `count`, the best of those that leave the shapes as given, and up to
 /// `options.other_clusters` of other clusters, but none that is worse than the best by more than
-/// `factor`.
+/// `factor`, except that as given where shapes are unlike and it's known what is up.
 std::vector<Trial> promising(const PoseSearch& search, const std::vector<Trial>& trials,
                              Index count, double factor) {
     std::vector<Trial> chosen;
+    // What faces another way costs little more, and trials of unlike shapes tell little.
+    const bool keeps_as_given = search.unlike > 0.0 && search.options.up != UpAxis::kNone;
     bool has_as_given = false;
     Index others = 0;
     for (const Trial& trial : trials) {
-        if (trial.energy > factor * trials.front().energy) break;
+        const bool is_near = trial.energy <= factor * trials.front().energy;
+        if (!is_near && (has_as_given || !keeps_as_given)) break;
         const bool as_given = is_as_given(implied_pose(search, trial), search.options);
+        if (!is_near && !as_given) continue;
         const bool is_apart = std::ranges::all_of(
             chosen, [&](const Trial& other) { return difference(trial, other) > kOtherCluster; });
         const bool is_other = is_apart && !chosen.empty() && others < search.options.other_clusters;

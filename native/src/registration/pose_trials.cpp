@@ -83,16 +83,29 @@ Similarity implied_pose(const PoseSearch& search, const Candidate& map) {
                         map.alignment);
 }
 
-/// How far a map rotates the target from how it was given: up to 1, at PoseOptions::as_given_angle.
+/// How far a map rotates the target from how it was given, and how far it tilts it: each up to 1,
+/// at PoseOptions::as_given_angle.
+struct Turning {
+    double turn, tilt;
+};
+
 template <class Map>
-double turning(const PoseSearch& search, const Map& map) {
-    const double angle = angle_axis(implied_pose(search, map).rotation).angle();
-    return std::min(1.0, angle / search.options.as_given_angle);
+Turning turning(const PoseSearch& search, const Map& map) {
+    const PoseOptions& options = search.options;
+    const Matrix3 rotation = implied_pose(search, map).rotation;
+    const auto share = [&](double angle) { return std::min(1.0, angle / options.as_given_angle); };
+    const double turn = share(angle_axis(rotation).angle());
+    if (options.up == UpAxis::kNone) return {turn, turn};
+    const Vector3 up = Vector3::Unit(static_cast<int>(options.up) - 1), its = rotation * up;
+    // What leans a little stands as well.
+    const double tilt = share(angle_of(its.cross(up).norm(), its.dot(up))), square = tilt * tilt;
+    return {turn, square * square};
 }
 
 /// The factor by which a map's energy is larger for that; `unlike` is as in PoseSearch.
-double dearer_by_turning(const PoseOptions& options, double unlike, double turning) {
-    return 1.0 + (options.as_given - 1.0 + unlike) * turning;
+double dearer_by_turning(const PoseOptions& options, double unlike, const Turning& its) {
+    const double facing = std::min(unlike, options.facing) * std::max(0.0, its.turn - its.tilt);
+    return 1.0 + (options.as_given - 1.0) * its.turn + unlike * its.tilt + facing;
 }
 
 template <class Map>
@@ -458,7 +471,7 @@ void keep_unlike_as_given(PoseSearch& search, double disparity, std::vector<Tria
     const double unlike = added_for_turning(options, disparity);
     if (unlike == search.unlike) return;
     const auto growth = [&](const auto& map) {
-        const double its = turning(search, map);
+        const Turning its = turning(search, map);
         return dearer_by_turning(options, unlike, its) /
                dearer_by_turning(options, search.unlike, its);
     };

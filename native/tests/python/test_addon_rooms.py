@@ -296,13 +296,14 @@ def test_the_panel_shows_what_the_method_uses(core: ModuleType) -> None:
         return {option.name for option in part(core, "settings").shown_options(settings, *affects)}
 
     kinds = {option.affects for option in pointmorph.options()}
-    # What staggers is chosen on the result.
-    names = {option.name for option in pointmorph.options()}
+    # What staggers is chosen on the result, and Blender says what is up.
+    names = {option.name for option in pointmorph.options()} - {"up"}
     every = {name for name in names if not name.startswith("stagger")}
     assert shown("auto", "disk", *kinds) == every
     of_auto = {option.name for option in pointmorph.options() if option.method == "auto"}
     assert {"missing_parts", "wrap_conform", "wrap_relax"} <= of_auto
     assert shown("paper", "auto", *kinds) == every - of_auto
+    assert not shown("auto", "auto", *kinds) & {"up"}
     assert {"influence", "solve"} <= every - shown("auto", "auto", *kinds)
     assert shown("auto", "auto", "path") == {"path"}
     apart = [shown("auto", "disk", kind) for kind in kinds]

@@ -86,6 +86,18 @@ def test_pairs_a_template_and_a_folder_in_one_file(tmp_path: Path) -> None:
     assert [j.name for j in read_batch(path).jobs] == ["a_to_b", "a_to_c", "b_to_c"]
 
 
+def test_what_is_up_is_said_once_for_pictures_and_maps(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    own = {"source": "b.obj", "target": "a.obj", "settings": {"up": "none"}}
+    pairs = [{"source": "a.obj", "target": "b.obj"}, own]
+    batch = read_batch(write_jobs(tmp_path, pairs=pairs, up="y", settings={"path": "linear"}))
+    assert batch.up == "y"
+    assert [job.settings for job in batch.jobs] == [{"up": "y", "path": "linear"}, {"up": "none"}]
+    silent = read_batch(write_jobs(tmp_path, pairs=pairs[:1]))
+    assert silent.up == "z"
+    assert silent.jobs[0].settings == {}
+
+
 def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "docs" / "batch.md").read_text(encoding="utf-8")
     for key in (*jobs._COMMON, *jobs._GROUPS, "out", "up", "render", "render_every"):

@@ -24,6 +24,9 @@ struct PoseEffort {
     double promising;  ///< maps that are worse than the best by this factor aren't varied further
 };
 
+/// An axis of both shapes that points up.
+enum class UpAxis { kNone, kX, kY, kZ };
+
 struct PoseOptions {
     /// Spreads along two axes that are taken for one another differ by no more than this factor;
     /// 1 or more.
@@ -75,6 +78,12 @@ struct PoseOptions {
     /// `alike`, above 0, and more than that, `unlike` · (r² − 1) · r⁶ is added to that factor.
     double alike = 0.03;
     double unlike = 0.4;
+    /// Tells tilting from turning about the vertical: models face anywhere, but seldom lie on their
+    /// sides. So `unlike` counts for the fourth power of the angle by which a map tilts this axis
+    /// of the target, over `as_given_angle`, and no more than `facing` of it for turning. With
+    /// none, it counts for the rotation as a whole.
+    UpAxis up = UpAxis::kNone;
+    double facing = 0.1;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{.stiff_rounds = 2,
                             .rounds = 8,

@@ -87,7 +87,7 @@ class Batch:
     out: Path
     jobs: tuple[PairJob, ...]
     up: str
-    """which axis is up in pictures: y or z"""
+    """which axis is up in pictures: y or z; where the file says it, on the models as well"""
     render: tuple[str, ...] = ()
     """the command that renders frames of a pair; docs/farm.md has its placeholders"""
     render_every: int = 1
@@ -129,7 +129,10 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     if up not in ("y", "z"):
         raise _wrong(path, 'y or z as "up"', repr(up))
     taken = {PICTURES, "farm"}  # folders beside those of the pairs
-    jobs = [_job(path, home, folder.absolute(), {**common, **own}, taken) for own in entries]
+    jobs = [
+        _job(path, home, folder.absolute(), _stood_up({**common, **own}, content), taken)
+        for own in entries
+    ]
     render = _value(path, content, "render", list, [])
     if not all(isinstance(word, str) for word in render):
         raise _wrong(path, 'a command as "render", such as ["blender", "-b"]', repr(render))
@@ -137,6 +140,13 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     if every < 1:
         raise _wrong(path, 'a number from 1 as "render_every"', repr(every))
     return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render), every)
+
+
+def _stood_up(entry: dict[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry whose models stand as the file says, where it does and the entry doesn't."""
+    if "up" not in content:
+        return entry
+    return {**entry, "settings": {"up": content["up"], **entry.get("settings", {})}}
 
 
 def _wrong(path: Path, expected: str, found: str) -> FileError:
