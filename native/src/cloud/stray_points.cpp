@@ -21,25 +21,6 @@ constexpr Index kFewestPoints = 200;  // fewer say little about how far apart th
 constexpr double kReach = 3.0;        // spacings; random samples of a surface leave no such gap
 constexpr double kThinReach = 5.0;    // spacings; those of its thin parts seldom a larger one
 
-/// Spacing of the samples around every point, whatever the point's own distance from them: the
-/// median over the point and its neighbors.
-Values usual_spacing(const Positions& positions, const Neighborhoods& nearest, Progress& progress) {
-    const Values own = local_spacing(positions, nearest);
-    Values usual(own.size());
-    parallel_for(
-        nearest.size(), progress,
-        [&](Index begin, Index end) {
-            std::vector<double> values;
-            for (Index i = begin; i < end; ++i) {
-                values.assign(1, own[i]);
-                for (const Index j : nearest[i]) values.push_back(own[j]);
-                usual[i] = median(values);
-            }
-        },
-        0.0, 0.5);
-    return usual;
-}
-
 /// A shape's points, and what is known of them while the strays among them are looked for.
 class Sorting {
 public:
@@ -47,7 +28,7 @@ public:
         : positions_(positions),
           nearest_(nearest),
           progress_(progress),
-          usual_(usual_spacing(positions, nearest, progress)) {}
+          own_(local_spacing(positions, nearest)) {}
 
     std::vector<Index> strays(std::span<const Index> marked);
 
@@ -60,6 +41,12 @@ private:
         return std::max(kFewest, kShare * static_cast<double>(nearest_.size()));
     }
 
+    /// Spacing of the samples around a point, whatever its own distance from them: the median over
+    /// it and its neighbors. `values` is scratch memory.
+    double usual_spacing(Index i, std::vector<double>& values) const;
+    /// The least over a point and its neighbors, which is no more than the median.
+    Values least_spacing() const;
+    void find_usual();
     /// Components of points that are within reach of each other.
     ConnectedComponents near_each_other() const;
     /// Whether each point is on a component large enough, or dense enough, for a part of the shape.
@@ -76,16 +63,61 @@ private:
     const Positions& positions_;
     const Neighborhoods& nearest_;
     Progress& progress_;
-    Values usual_;
+    Values own_;    ///< spacing, by a point's neighbors alone
+    Values usual_;  ///< of the samples around each point, where there are several components
 };
+
+double Sorting::usual_spacing(Index i, std::vector<double>& values) const {
+    values.assign(1, own_[i]);
+    for (const Index j : nearest_[i]) values.push_back(own_[j]);
+    return median(values);
+}
+
+Values Sorting::least_spacing() const {
+    Values least(own_.size());
+    parallel_for(
+        nearest_.size(), progress_,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                double lowest = own_[i];
+                for (const Index j : nearest_[i]) lowest = std::min(lowest, own_[j]);
+                least[i] = lowest;
+            }
+        },
+        0.0, 0.2);
+    return least;
+}
+
+void Sorting::find_usual() {
+    usual_.resize(own_.size());
+    parallel_for(
+        nearest_.size(), progress_,
+        [&](Index begin, Index end) {
+            std::vector<double> values;
+            for (Index i = begin; i < end; ++i) usual_[i] = usual_spacing(i, values);
+        },
+        0.4, 0.6);
+}
 
 ConnectedComponents Sorting::near_each_other() const {
     GrowingComponents joined(nearest_.size());
+    // Bounds of the medians join most points, so that few medians are asked for.
+    const Values least = least_spacing();
+    std::vector<std::array<Index, 2>> apart;
     for (Index i = 0; i < nearest_.size(); ++i)
-        for (const Index j : nearest_[i])
-            if (!joined.are_joined(i, j) &&
-                distance(i, j) <= kReach * std::min(usual_[i], usual_[j]))
+        for (const Index j : nearest_[i]) {
+            if (joined.are_joined(i, j)) continue;
+            if (distance(i, j) <= kReach * std::min(least[i], least[j]))
                 joined.join(i, j);
+            else
+                apart.push_back({i, j});
+        }
+    progress_.report(0.3);
+    std::vector<double> values;
+    for (const auto& [i, j] : apart)
+        if (!joined.are_joined(i, j) &&
+            distance(i, j) <= kReach * std::min(usual_spacing(i, values), usual_spacing(j, values)))
+            joined.join(i, j);
     return joined.components();
 }
 
@@ -199,8 +231,9 @@ std::vector<Index> Sorting::scattered(std::span<const Index> off,
 
 std::vector<Index> Sorting::strays(std::span<const Index> marked) {
     const ConnectedComponents components = near_each_other();
-    progress_.report(0.6);
+    progress_.report(0.4);
     if (components.count() == 1) return {};
+    find_usual();
     std::vector<char> is_on = on_parts(components);
     if (std::ranges::find(is_on, 0) == is_on.end()) return {};
     progress_.report(0.7);

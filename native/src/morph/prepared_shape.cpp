@@ -232,11 +232,15 @@ void find_neighborhoods(std::span<PreparedShape> shapes, std::span<const ShapeIn
     });
     trees.clear();
     std::vector<std::vector<Index>> strays(shapes.size());
-    one_by_one(count, progress, 0.7, 0.8, [&](std::size_t k) {
-        if (inputs[k].parts.empty())  // else faces say what is surface
-            strays[k] = stray_points(shapes[k].positions, shapes[k].nearest,
-                                     marked_in(shapes[k], inputs[k]), progress);
-    });
+    {
+        const Progress::Part part(progress, 0.7, 0.8);
+        parallel_invoke(count, progress, [&](int number, Progress& its) {
+            const std::size_t k = to_size(number);
+            if (inputs[k].parts.empty())  // else faces say what is surface
+                strays[k] = stray_points(shapes[k].positions, shapes[k].nearest,
+                                         marked_in(shapes[k], inputs[k]), its);
+        });
+    }
     one_by_one(count, progress, 0.8, 1.0, [&](std::size_t k) {
         leave_out_scattered(shapes[k], strays[k], inputs[k], options, progress);
     });
