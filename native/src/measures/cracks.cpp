@@ -6,11 +6,13 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
 #include <utility>
 
+#include "base/median.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -40,53 +42,63 @@ class Edges {
 public:
     Edges(const OrderedNeighbors& near, std::span<const IndexPair> pairs, Index IndexPair::*side,
           Index most)
-        : near_(near), pair_of_(near.order.size(), -1) {
+        : near_(near), points_(to_index(near.order.size())), first_pairs_(near.order.size()) {
+        const std::vector<Index> number = inverse_order(near.order);
         for (std::size_t i = pairs.size(); i-- > 0;)
-            pair_of_[to_size(pairs[i].*side)] = to_index(i);
-        const auto points = static_cast<std::int64_t>(near.order.size());
-        width_ = std::min<std::int64_t>(kNearest, points - 1);
-        count_ = std::max<std::int64_t>(std::min<std::int64_t>(width_ * points, most), 0);
+            first_pairs_[to_size(number[to_size(pairs[i].*side)])] = pairs[i];
+        width_ = std::min<Index>(to_index(kNearest), points_ - 1);
+        count_ =
+            static_cast<Index>(std::clamp<std::int64_t>(std::int64_t{width_} * points_, 0, most));
     }
 
-    Index count() const { return static_cast<Index>(count_); }
+    Index count() const { return count_; }
 
-    /// Both ends, each as the first pair that it is in.
-    std::array<Index, 2> operator[](Index edge) const {
-        const auto [number, other] = numbers(edge);
-        return {pair(number), pair(other)};
+    /// Calls `look(edge, ends)` for edges `begin` to `end`: both ends, each as the first pair that
+    /// it is in.
+    void each(Index begin, Index end, const auto& look) const {
+        if (begin >= end) return;
+        const std::int64_t along = std::int64_t{begin} * points_;
+        auto number = static_cast<Index>(along / count_);
+        std::int64_t rest = along % count_;
+        Index place = begin % width_;
+        for (Index edge = begin; edge < end; ++edge) {
+            const Index other = near_.nearest[number][to_size(place)];
+            look(edge, std::array{first_pairs_[to_size(number)], first_pairs_[to_size(other)]});
+            place = place + 1 < width_ ? place + 1 : 0;
+            for (rest += points_; rest >= count_; rest -= count_) ++number;
+        }
+    }
+
+    /// Both ends of an edge.
+    std::array<IndexPair, 2> operator[](Index edge) const {
+        std::array<IndexPair, 2> result;
+        each(edge, edge + 1, [&](Index, const auto& ends) { result = ends; });
+        return result;
     }
 
     /// Whether any of the pairs next to the ends does.
     bool any_around(Index edge, const auto& does) const {
-        for (const Index end : numbers(edge))
+        const auto number = static_cast<Index>(std::int64_t{edge} * points_ / count_);
+        for (const Index end : {number, near_.nearest[number][to_size(edge % width_)]})
             for (const Index other : near_.nearest[end])
-                if (does(pair(other))) return true;
+                if (does(first_pairs_[to_size(other)])) return true;
         return false;
     }
 
 private:
-    /// Both ends in the order of the neighborhoods.
-    std::array<Index, 2> numbers(Index edge) const {
-        const auto points = static_cast<std::int64_t>(near_.order.size());
-        const auto number = to_index(to_size(edge * points / count_));
-        return {number, near_.nearest[number][to_size(edge % width_)]};
-    }
-    Index pair(Index number) const { return pair_of_[to_size(near_.order[to_size(number)])]; }
-
     const OrderedNeighbors& near_;
-    std::vector<Index> pair_of_;
-    std::int64_t width_, count_;
+    Index points_;
+    std::vector<IndexPair> first_pairs_;  ///< in the order of the neighborhoods
+    Index width_, count_;
 };
 
 /// The in-between clouds.
 struct Frames {
     const Positions& source;
     const Positions& target;
-    std::span<const IndexPair> pairs;
 
-    Eigen::RowVector3d at(Index pair, double t) const {
-        const auto [s, d] = pairs[to_size(pair)];
-        return (1.0 - t) * source.row(s) + t * target.row(d);
+    Eigen::RowVector3d at(const IndexPair& pair, double t) const {
+        return (1.0 - t) * source.row(pair.source) + t * target.row(pair.target);
     }
 };
 
@@ -99,41 +111,51 @@ struct Gaps {
 /// Says of most places at once that they lie in none of some balls.
 class BallCells {
 public:
-    /// `reach` is a power of two; no radius is larger.
-    explicit BallCells(std::size_t balls, double reach)
-        : inverse_(0.25 / reach), bits_(std::bit_ceil(to_size(kBitsPerBall) * balls + 64)) {}
+    /// Some balls, of radii larger than 0.
+    explicit BallCells(const Gaps& gaps) {
+        constexpr double kMostCells = 100.0;  // for each ball
+        std::vector<double> radii = gaps.limits;
+        double width = median(radii);
+        const auto cells = [&](double of) {
+            double sum = 0.0;
+            for (const double radius : radii) sum += std::pow(2.0 * radius / of + 2.0, 3);
+            return sum;
+        };
+        const double most = kMostCells * static_cast<double>(radii.size());
+        while (cells(width) > most) width *= 2.0;
+        inverse_ = 1.0 / width;
+        bits_.resize(std::bit_ceil(to_size(kBitsPerBall) * radii.size()));
+        for (std::size_t k = 0; k < radii.size(); ++k) add(gaps.middles[k], gaps.limits[k]);
+    }
+
+    bool may_hold(const Eigen::RowVector3d& place) const { return bits_[number(cell(place))]; }
+
+private:
+    static constexpr Index kBitsPerBall = 256;
 
     void add(const Eigen::RowVector3d& middle, double radius) {
         constexpr double kRounding = 1e-6;
         const double reach = (1.0 + kRounding) * radius;
         const Eigen::RowVector3d low = cell(middle.array() - reach),
                                  high = cell(middle.array() + reach);
-        // A ball is half as wide as a cell: it lies in these eight, some of which may be the same.
-        for (unsigned corner = 0; corner < 8; ++corner) {
-            const auto side = [&](unsigned axis) {
-                return (corner >> axis & 1U ? high : low)[static_cast<Eigen::Index>(axis)];
-            };
-            bits_[number({side(0), side(1), side(2)})] = true;
-        }
+        for (double x = low[0]; x <= high[0]; ++x)
+            for (double y = low[1]; y <= high[1]; ++y)
+                for (double z = low[2]; z <= high[2]; ++z) bits_[number({x, y, z})] = true;
     }
-
-    bool may_hold(const Eigen::RowVector3d& place) const { return bits_[number(cell(place))]; }
-
-private:
-    static constexpr Index kBitsPerBall = 64;
 
     Eigen::RowVector3d cell(const Eigen::RowVector3d& place) const {
         return (inverse_ * place).array().floor();
     }
     /// Cells may share a number.
     std::size_t number(const Eigen::RowVector3d& cell) const {
+        constexpr double kWhole = 0x1.8p52;  // has whole numbers lie in the lowest bits
         std::uint64_t mixed = 0;
         for (const double along : cell)
-            mixed = (mixed ^ std::bit_cast<std::uint64_t>(along + 0.0)) * 0x9e3779b97f4a7c15U;
+            mixed = (mixed ^ std::bit_cast<std::uint64_t>(along + kWhole)) * 0x9e3779b97f4a7c15U;
         return static_cast<std::size_t>(mixed >> 32) & (bits_.size() - 1);
     }
 
-    double inverse_;
+    double inverse_ = 1.0;
     std::vector<bool> bits_;
 };
 
@@ -142,61 +164,71 @@ class GapGroup {
 public:
     GapGroup(const Gaps& gaps, std::vector<std::size_t> members, int exponent)
         : members_(std::move(members)),
-          middles_(static_cast<Eigen::Index>(members_.size()), 3),
-          reach_(std::ldexp(1.0, exponent + 1)) {
-        constexpr double kCoarsest = 1e-8;  // rounding of a coordinate that could be felt
-        for (std::size_t k = 0; k < members_.size(); ++k)
-            middles_.row(static_cast<Eigen::Index>(k)) = gaps.middles[members_[k]];
-        tree_.emplace(middles_);
-        if (!(reach_ > std::max(kCoarsest * middles_.cwiseAbs().maxCoeff(), 1e-300))) return;
-        cells_.emplace(members_.size(), reach_);
-        for (const std::size_t g : members_) cells_->add(gaps.middles[g], gaps.limits[g]);
-    }
+          middles_(gathered(gaps.middles, members_)),
+          tree_(middles_),
+          reach_(std::ldexp(1.0, exponent + 1)) {}
 
     /// Calls `found(gap, squared distance)` for all that may be near enough; `near` is scratch
     /// memory.
     void around(const Eigen::RowVector3d& place, std::vector<std::pair<Index, double>>& near,
                 const auto& found) const {
-        if (cells_ && !cells_->may_hold(place)) return;
-        tree_->within_unsorted(place.data(), reach_, near);
+        tree_.within_unsorted(place.data(), reach_, near);
         for (const auto& [k, squared_distance] : near)
             found(members_[to_size(k)], squared_distance);
     }
 
 private:
+    static Positions gathered(const std::vector<Eigen::RowVector3d>& middles,
+                              const std::vector<std::size_t>& members) {
+        Positions result(static_cast<Eigen::Index>(members.size()), 3);
+        for (std::size_t k = 0; k < members.size(); ++k)
+            result.row(static_cast<Eigen::Index>(k)) = middles[members[k]];
+        return result;
+    }
+
     std::vector<std::size_t> members_;
     Positions middles_;
+    KdTree<3> tree_;
     double reach_;
-    std::optional<KdTree<3>> tree_;
-    std::optional<BallCells> cells_;
 };
 
-/// Which of the gaps no point of the frame closes.
-std::vector<std::atomic<bool>> closed_gaps(const Gaps& gaps, const Frames& frames, double t,
-                                           Progress& progress) {
-    std::map<int, std::vector<std::size_t>> by_exponent;
-    for (std::size_t g = 0; g < gaps.limits.size(); ++g)
-        if (gaps.limits[g] > 0.0) by_exponent[std::ilogb(gaps.limits[g])].push_back(g);
-    std::vector<std::unique_ptr<GapGroup>> groups;
-    for (auto& [exponent, members] : by_exponent)
-        groups.push_back(std::make_unique<GapGroup>(gaps, std::move(members), exponent));
-    std::vector<std::atomic<bool>> closed(gaps.limits.size());
-    parallel_for(
-        to_index(frames.pairs.size()), progress,
-        [&](Index begin, Index end) {
-            std::vector<std::pair<Index, double>> near;
-            for (Index i = begin; i < end; ++i) {
-                const Eigen::RowVector3d place = frames.at(i, t);
-                for (const auto& group : groups)
-                    group->around(place, near, [&](std::size_t g, double squared_distance) {
-                        if (squared_distance <= gaps.limits[g] * gaps.limits[g])
-                            closed[g].store(true, std::memory_order_relaxed);
-                    });
-            }
-        },
-        0.0, 1.0, 4096);
-    return closed;
-}
+/// Finds out which of the gaps at one time are closed by points of the frame.
+class GapSearch {
+public:
+    explicit GapSearch(const Gaps& gaps) : gaps_(gaps), closed_(gaps.limits.size()) {
+        constexpr double kCoarsest = 1e-8;  // rounding of a coordinate that could be felt
+        double farthest = 0.0, least = std::numeric_limits<double>::infinity();
+        std::map<int, std::vector<std::size_t>> by_exponent;
+        for (std::size_t g = 0; g < gaps.limits.size(); ++g) {
+            if (!(gaps.limits[g] > 0.0)) continue;
+            by_exponent[std::ilogb(gaps.limits[g])].push_back(g);
+            farthest = std::max(farthest, gaps.middles[g].cwiseAbs().maxCoeff());
+            least = std::min(least, gaps.limits[g]);
+        }
+        for (auto& [exponent, members] : by_exponent)
+            groups_.push_back(std::make_unique<GapGroup>(gaps, std::move(members), exponent));
+        if (!groups_.empty() && least > std::max(kCoarsest * farthest, 1e-300))
+            cells_.emplace(gaps);
+    }
+
+    /// A point of the frame; `near` is scratch memory.
+    void look_at(const Eigen::RowVector3d& place, std::vector<std::pair<Index, double>>& near) {
+        if (cells_ && !cells_->may_hold(place)) return;
+        for (const auto& group : groups_)
+            group->around(place, near, [&](std::size_t g, double squared_distance) {
+                if (squared_distance <= gaps_.limits[g] * gaps_.limits[g])
+                    closed_[g].store(true, std::memory_order_relaxed);
+            });
+    }
+
+    bool is_open(std::size_t gap) const { return !closed_[gap].load(); }
+
+private:
+    const Gaps& gaps_;
+    std::vector<std::unique_ptr<GapGroup>> groups_;
+    std::optional<BallCells> cells_;
+    std::vector<std::atomic<bool>> closed_;
+};
 
 /// The middle of an edge at t, and within which distance a point closes it.
 struct Gap {
@@ -212,8 +244,8 @@ std::vector<Gaps> gaps_of(const Edges& edges, const Frames& frames, std::span<co
         Eigen::RowVector3d source, target;
         double source_spacing, target_spacing;
     };
-    const auto end_of = [&](Index pair) -> End {
-        const auto [s, d] = frames.pairs[to_size(pair)];
+    const auto end_of = [&](const IndexPair& pair) -> End {
+        const auto [s, d] = pair;
         return {frames.source.row(s), frames.target.row(d), (*spacing[0])[s], (*spacing[1])[d]};
     };
     const auto gap = [](const std::array<End, 2>& ends, double t) -> Gap {
@@ -241,34 +273,33 @@ std::vector<Gaps> gaps_of(const Edges& edges, const Frames& frames, std::span<co
     };
     const bool are_between =
         std::ranges::all_of(times, [](double t) { return t >= 0.0 && t <= 1.0; });
-    const auto both_ends = [&](Index edge) -> std::array<End, 2> {
-        const auto [first, second] = edges[edge];
-        return {end_of(first), end_of(second)};
+    const auto both = [&](const std::array<IndexPair, 2>& pairs) -> std::array<End, 2> {
+        return {end_of(pairs[0]), end_of(pairs[1])};
     };
     const std::size_t count = to_size(edges.count());
     std::vector<char> is_long(times.size() * count);
     parallel_for(edges.count(), progress, [&](Index begin, Index end) {
-        for (Index e = begin; e < end; ++e) {
-            const auto ends = both_ends(e);
-            if (are_between && stays_short(ends)) continue;
+        edges.each(begin, end, [&](Index e, const std::array<IndexPair, 2>& pairs) {
+            const auto ends = both(pairs);
+            if (are_between && stays_short(ends)) return;
             for (std::size_t k = 0; k < times.size(); ++k) {
                 const auto [start, middle, limit] = gap(ends, times[k]);
                 const auto closes = [&, middle = middle, limit = limit](const auto& place) {
                     return (place - middle).squaredNorm() <= limit * limit;
                 };
                 is_long[k * count + to_size(e)] =
-                    !closes(start) && !edges.any_around(e, [&](Index pair) {
+                    !closes(start) && !edges.any_around(e, [&](const IndexPair& pair) {
                         return closes(frames.at(pair, times[k]));
                     });
             }
-        }
+        });
     });
     std::vector<Gaps> gaps(times.size());
     parallel_invoke(static_cast<int>(times.size()), [&](int number, bool) {
         const std::size_t k = to_size(number);
         for (Index e = 0; e < edges.count(); ++e) {
             if (!is_long[k * count + to_size(e)]) continue;
-            const auto [start, middle, limit] = gap(both_ends(e), times[k]);
+            const auto [start, middle, limit] = gap(both(edges[e]), times[k]);
             gaps[k].middles.push_back(middle);
             gaps[k].limits.push_back(limit);
         }
@@ -296,31 +327,45 @@ std::vector<Cracks> find_cracks(const CrackSide& source, const CrackSide& target
         edges[k].emplace(*near[k], pairs, is_source ? &IndexPair::source : &IndexPair::target,
                          max_edges);
     });
-    const Frames frames{source.positions, target.positions, pairs};
+    const Frames frames{source.positions, target.positions};
     std::array<std::vector<Gaps>, 2> gaps;
     for (std::size_t k = 0; k < 2; ++k) {
         const Progress::Part part(progress, k == 0 ? 0.0 : 0.25, k == 0 ? 0.25 : 0.5);
         gaps[k] = gaps_of(*edges[k], frames, times, {&*spacing[0], &*spacing[1]}, progress);
     }
 
-    std::vector<Cracks> cracks;
-    const double share = 0.5 / static_cast<double>(times.size());
-    for (std::size_t k = 0; k < times.size(); ++k) {
-        const double done = 0.5 + share * static_cast<double>(k);
-        const Progress::Part part(progress, done, done + share);
+    // Of each time, those of the source and then those of the target.
+    std::vector<std::unique_ptr<GapSearch>> searches(times.size());
+    parallel_invoke(static_cast<int>(times.size()), [&](int number, bool) {
+        const std::size_t k = to_size(number);
         Gaps& all = gaps[0][k];
-        const std::size_t of_source = all.limits.size();
         const Gaps& more = gaps[1][k];
         all.middles.insert(all.middles.end(), more.middles.begin(), more.middles.end());
         all.limits.insert(all.limits.end(), more.limits.begin(), more.limits.end());
-        const auto closed = closed_gaps(all, frames, times[k], progress);
+        searches[k] = std::make_unique<GapSearch>(all);
+    });
+    constexpr Index kChunk = 4096;
+    parallel_for(
+        to_index(pairs.size()), progress,
+        [&](Index begin, Index end) {
+            std::vector<std::pair<Index, double>> near;
+            for (Index i = begin; i < end; ++i)
+                for (std::size_t k = 0; k < times.size(); ++k)
+                    searches[k]->look_at(frames.at(pairs[to_size(i)], times[k]), near);
+        },
+        0.5, 1.0, kChunk);
+
+    std::vector<Cracks> cracks;
+    for (std::size_t k = 0; k < times.size(); ++k) {
+        const std::size_t count = gaps[0][k].limits.size(),
+                          of_source = count - gaps[1][k].limits.size();
         const auto open = [&](std::size_t begin, std::size_t end, const Edges& among) {
             std::int64_t is_open = 0;
-            for (std::size_t g = begin; g < end; ++g) is_open += !closed[g].load();
+            for (std::size_t g = begin; g < end; ++g) is_open += searches[k]->is_open(g);
             return among.count() > 0 ? static_cast<double>(is_open) / among.count() : 0.0;
         };
-        cracks.push_back({times[k], std::max(open(0, of_source, *edges[0]),
-                                             open(of_source, all.limits.size(), *edges[1]))});
+        cracks.push_back(
+            {times[k], std::max(open(0, of_source, *edges[0]), open(of_source, count, *edges[1]))});
     }
     return cracks;
 }
