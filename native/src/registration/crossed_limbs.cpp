@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -83,56 +84,70 @@ private:
 
     /// What hangs together with a row within the radius, and the arms that lead away from there.
     void look_around(const SurfaceGraph& graph, Index row, const Vector3& at) {
-        const double inner = radius_ * radius_, outer = std::pow(radius_ + width_, 2);
-        const auto look_next_to = [&](Index i, bool is_inside) {
-            for (const Index j : graph[i]) {
-                if (state(j) != State::kUnseen) continue;
-                const double off = (positions_.row(j).transpose() - at).squaredNorm();
-                if (off < inner ? !is_inside : off >= outer) {
-                    state(j) = State::kOutside;
-                    outside_.push_back(j);
-                } else {
-                    state(j) = off < inner ? State::kInside : State::kShell;
-                    (off < inner ? inside_ : shell_).push_back(j);
-                }
-            }
-        };
+        const double inner = radius_ * radius_;
         inside_.assign(1, row);
         state(row) = State::kInside;
         shell_.clear();
         outside_.clear();
-        for (std::size_t k = 0; k < inside_.size(); ++k) look_next_to(inside_[k], true);
-        for (std::size_t k = 0; k < shell_.size(); ++k) look_next_to(shell_[k], false);
-        find_arms(graph);
+        for (std::size_t k = 0; k < inside_.size(); ++k)
+            for (const Index j : graph[inside_[k]]) {
+                if (state(j) != State::kUnseen) continue;
+                const double off = (positions_.row(j).transpose() - at).squaredNorm();
+                if (off < inner) {
+                    state(j) = State::kInside;
+                    inside_.push_back(j);
+                } else {
+                    put_beyond(j, off);
+                }
+            }
+        find_arms(graph, at);
     }
 
-    void find_arms(const SurfaceGraph& graph) {
+    void put_beyond(Index row, double squared_distance) {
+        const double outer = (radius_ + width_) * (radius_ + width_);
+        const bool is_near = squared_distance < outer;
+        state(row) = is_near ? State::kShell : State::kOutside;
+        (is_near ? shell_ : outside_).push_back(row);
+    }
+
+    /// Each from a row of the shell that is next to the surroundings.
+    void find_arms(const SurfaceGraph& graph, const Vector3& at) {
         constexpr std::size_t kFewest = 5;  // fewer rows are no arm
+        constexpr double kFarOff = std::numeric_limits<double>::infinity();
+        const double inner = radius_ * radius_;
         arms_.clear();
-        for (const Index first : shell_) {
-            if (state(first) != State::kShell) continue;
+        for (std::size_t first = 0, seeds = shell_.size(); first < seeds; ++first) {
+            if (state(shell_[first]) != State::kShell) continue;
             Arm arm;
-            arm.rows.push_back(first);
-            state(first) = State::kArm;
+            arm.rows.push_back(shell_[first]);
+            state(shell_[first]) = State::kArm;
             for (std::size_t k = 0; k < arm.rows.size(); ++k)
-                for (const Index j : graph[arm.rows[k]])
-                    if (state(j) == State::kShell) {
-                        state(j) = State::kArm;
-                        arm.rows.push_back(j);
+                for (const Index j : graph[arm.rows[k]]) {
+                    if (state(j) == State::kUnseen) {
+                        const double off = (positions_.row(j).transpose() - at).squaredNorm();
+                        put_beyond(j, off < inner ? kFarOff : off);
                     }
-            if (arm.rows.size() < kFewest) continue;
+                    if (state(j) != State::kShell) continue;
+                    state(j) = State::kArm;
+                    arm.rows.push_back(j);
+                }
+            if (arm.rows.size() >= kFewest) arms_.push_back(std::move(arm));
+        }
+        if (!are_as_many_as_limbs()) return;
+        for (Arm& arm : arms_) {
             const auto count = static_cast<double>(arm.rows.size());
             for (const Index i : arm.rows) arm.middle += positions_.row(i).transpose() / count;
             for (const Index i : arm.rows) arm.radius += distance(i, arm.middle) / count;
-            arms_.push_back(std::move(arm));
         }
     }
 
+    bool are_as_many_as_limbs() const { return arms_.size() == 3 || arms_.size() == 4; }
+
     bool arms_are_those_of_limbs() const {
         constexpr double kThin = 0.6;  // over the radius of the surroundings
-        return (arms_.size() == 3 || arms_.size() == 4) &&
-               std::ranges::all_of(arms_,
-                                   [&](const Arm& arm) { return arm.radius < kThin * radius_; });
+        return are_as_many_as_limbs() && std::ranges::all_of(arms_, [&](const Arm& arm) {
+                   return arm.radius < kThin * radius_;
+               });
     }
 
     /// The rows that an arm leads to, and no more than `most` and those next to the last.
