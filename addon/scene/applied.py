@@ -74,8 +74,8 @@ def _ends(obj):
 
 def _farthest(positions):
     """Points that lie far out in several directions: row and place of each."""
-    heights = positions.astype(np.float64) @ _DIRECTIONS.T
-    rows = sorted({*heights.argmin(axis=0).tolist(), *heights.argmax(axis=0).tolist()})
+    heights = _DIRECTIONS @ positions.T.astype(np.float64)  # a row each is sought much faster
+    rows = sorted({*heights.argmin(axis=1).tolist(), *heights.argmax(axis=1).tolist()})
     return [[row, *map(float, positions[row])] for row in rows]
 
 
