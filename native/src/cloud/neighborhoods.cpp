@@ -6,6 +6,7 @@
 #include <numeric>
 #include <utility>
 
+#include "cloud/apart_neighbors.hpp"
 #include "cloud/neighbor_room.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -149,9 +150,7 @@ Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
 
 ConnectedComponents connected_components(const Neighborhoods& neighborhoods) {
     GrowingComponents connected(neighborhoods.size());
-    for (Index i = 0; i < neighborhoods.size(); ++i)
-        for (const Index j : neighborhoods[i])
-            if (!connected.are_joined(i, j)) connected.join(i, j);
+    each_apart(connected, neighborhoods, [&](Index i, Index j) { connected.join(i, j); });
     return connected.components();
 }
 
@@ -177,6 +176,10 @@ ConnectedComponents GrowingComponents::components() {
 }
 
 Values local_spacing(const Positions& positions, const Neighborhoods& nearest, Index k) {
+    const auto factor = [](std::size_t used) {
+        return std::sqrt(std::numbers::pi / static_cast<double>(used));
+    };
+    const double of_most = factor(to_size(k));
     Values spacing(positions.rows());
     for (Index i = 0; i < positions.rows(); ++i) {
         const auto near = nearest[i];
@@ -186,7 +189,7 @@ Values local_spacing(const Positions& positions, const Neighborhoods& nearest, I
         }
         const auto used = std::min<std::size_t>(near.size(), to_size(k));
         const double distance = (positions.row(near[used - 1]) - positions.row(i)).norm();
-        spacing[i] = distance * std::sqrt(std::numbers::pi / static_cast<double>(used));
+        spacing[i] = distance * (used == to_size(k) ? of_most : factor(used));
     }
     return spacing;
 }

@@ -8,6 +8,7 @@
 
 #include "base/grouped.hpp"
 #include "base/median.hpp"
+#include "cloud/apart_neighbors.hpp"
 #include "cloud/moments.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -104,14 +105,12 @@ ConnectedComponents Sorting::near_each_other() const {
     // Bounds of the medians join most points, so that few medians are asked for.
     const Values least = least_spacing();
     std::vector<std::array<Index, 2>> apart;
-    for (Index i = 0; i < nearest_.size(); ++i)
-        for (const Index j : nearest_[i]) {
-            if (joined.are_joined(i, j)) continue;
-            if (distance(i, j) <= kReach * std::min(least[i], least[j]))
-                joined.join(i, j);
-            else
-                apart.push_back({i, j});
-        }
+    each_apart(joined, nearest_, [&](Index i, Index j) {
+        if (distance(i, j) <= kReach * std::min(least[i], least[j]))
+            joined.join(i, j);
+        else
+            apart.push_back({i, j});
+    });
     progress_.report(0.3);
     std::vector<double> values;
     for (const auto& [i, j] : apart)

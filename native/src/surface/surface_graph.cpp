@@ -147,17 +147,18 @@ SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
                            std::span<const Index> cells) {
     constexpr std::size_t kNear = 8;  // farther ones reach over gaps
     std::vector<std::vector<Index>> ring(nodes.size());
-    const auto add = [&](Index a, Index b) {
+    const auto join = [&](Index a, Index b) {
         std::vector<Index>& around = ring[to_size(a)];
-        if (std::ranges::find(around, b) == around.end()) around.push_back(b);
+        if (std::ranges::find(around, b) != around.end()) return;
+        around.push_back(b);
+        ring[to_size(b)].push_back(a);
     };
     for (Index i = 0; i < nearest.size(); ++i) {
         const auto near = nearest[i];
         for (const Index j : near.first(std::min(kNear, near.size()))) {
             const Index a = cells[to_size(i)], b = cells[to_size(j)];
             if (a == b || normals.row(i).dot(normals.row(j)) <= 0.0) continue;
-            add(a, b);
-            add(b, a);
+            join(a, b);
         }
     }
     for (auto& around : ring) std::ranges::sort(around);
