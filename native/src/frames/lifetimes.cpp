@@ -63,13 +63,15 @@ void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& pro
                        chosen_.size());
     std::vector<OpenTriangle> open;
     {
-        const Progress::Part part(progress, 0.0, kOpened / 2);
-        tree_.move(sample.positions, progress);
+        const Progress::Part part(progress, 0.0, kOpened);
+        if (missing_) {
+            Progress silent;
+            open = missing_->open_triangles(
+                sample, [&] { tree_.move(sample.positions, silent); }, progress);
+        } else {
+            tree_.move(sample.positions, progress);
+        }
         sample.tree = &tree_;
-    }
-    if (missing_) {
-        const Progress::Part part(progress, kOpened / 2, kOpened);
-        open = missing_->open_triangles(sample, progress);
     }
     if (resampling_.options().crowding) {
         const Progress::Part part(progress, kOpened, kHidden);

@@ -120,6 +120,7 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
 }
 
 std::vector<OpenTriangle> MissingPoints::open_triangles(const FrameSample& sample,
+                                                        const std::function<void()>& meanwhile,
                                                         Progress& progress) const {
     constexpr Index kChunk = 4096, kAtOnce = to_index(kTrianglesAtOnce);
     const auto count = to_index(triangles_.size());
@@ -149,7 +150,14 @@ std::vector<OpenTriangle> MissingPoints::open_triangles(const FrameSample& sampl
             }
         }
     };
-    parallel_for(count, progress, look, 0.0, 1.0, kChunk);
+    // One of the threads does the first chunk, and others go on with the triangles.
+    const auto look_or_do_else = [&](Index begin, Index end) {
+        if (begin == 0)
+            meanwhile();
+        else
+            look(begin - kChunk, end - kChunk);
+    };
+    parallel_for(kChunk + count, progress, look_or_do_else, 0.0, 1.0, kChunk);
     std::vector<OpenTriangle> result;
     for (const auto& some : found) result.insert(result.end(), some.begin(), some.end());
     return result;

@@ -96,8 +96,10 @@ public:
                   const EndSamples& source, const EndSamples& target,
                   const std::vector<Place>& chosen, Progress& progress);
 
-    /// Needs no tree.
-    std::vector<OpenTriangle> open_triangles(const FrameSample& sample, Progress& progress) const;
+    /// Needs no tree. One of the threads first does what is to be done `meanwhile`.
+    std::vector<OpenTriangle> open_triangles(const FrameSample& sample,
+                                             const std::function<void()>& meanwhile,
+                                             Progress& progress) const;
 
     /// `open` are the open triangles. Points marked `dead` (by row after the pairs) cover no place
     /// any more.

@@ -68,13 +68,16 @@ Resampling::Resampling(End source, End target, std::span<const IndexPair> pairs,
     for (Values* values : {&plan_.source_spacing, &plan_.target_spacing, &plan_.source_density,
                            &plan_.target_density})
         values->resize(count);
-    for (Index i = 0; i < count; ++i) {
-        const auto [s, d] = pairs[to_size(i)];
-        plan_.source_spacing[i] = from.spacing[s] * from.unit.scale;
-        plan_.target_spacing[i] = to.spacing[d] * to.unit.scale;
-        plan_.source_density[i] = from.density[s];
-        plan_.target_density[i] = to.density[d];
-    }
+    const auto plan = [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const auto [s, d] = pairs[to_size(i)];
+            plan_.source_spacing[i] = from.spacing[s] * from.unit.scale;
+            plan_.target_spacing[i] = to.spacing[d] * to.unit.scale;
+            plan_.source_density[i] = from.density[s];
+            plan_.target_density[i] = to.density[d];
+        }
+    };
+    parallel_for(count, progress, plan, kBoth, kBoth);
     if (options.omega == 0.0 && !options.crowding) return;
 
     std::optional<Lifetimes> lifetimes;
