@@ -99,11 +99,18 @@ def remembering(addon, memory):
     return memory.remembering(addon("core.computation").compute)
 
 
+@pytest.fixture(scope="session")
+def remembering_finer(addon, memory):
+    """`denser_source.compute`, which cuts no source twice."""
+    return memory.remembering_finer(addon("data.denser_source").compute)
+
+
 @pytest.fixture(autouse=True)
-def computed_once(request, addon, monkeypatch, remembering):
+def computed_once(request, addon, monkeypatch, remembering, remembering_finer):
     """Tests share what the library computes, but those of the computing, marked `computes`."""
     if not request.node.get_closest_marker("computes"):
         monkeypatch.setattr(addon("data.chains"), "compute", remembering)
+        monkeypatch.setattr(addon("data.denser_source"), "compute", remembering_finer)
 
 
 @pytest.fixture(autouse=True)

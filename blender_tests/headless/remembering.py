@@ -5,6 +5,7 @@ import hashlib
 import io
 import pickle
 import secrets
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,5 +53,15 @@ class Memory:
             before = earlier and (of and of.without_looks(), earlier.maps)
             question = request.without_looks(), before
             return self.answer(question, lambda: compute(request, progress, earlier))
+
+        return remembered
+
+    def remembering_finer(self, compute):
+        """`denser_source.compute`, which cuts no source twice."""
+
+        def remembered(request, stops, progress):
+            bare = [replace(stop, shape=replace(stop.shape, skin=None)) for stop in stops]
+            question = "finer", request.without_looks(), bare
+            return self.answer(question, lambda: compute(request, stops, progress))
 
         return remembered
