@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -23,6 +24,7 @@ ROOMS = ("core", "data", "scene", "view", "operators", "ui")
 BLENDERS = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "gpu_extras", "blf"}
 
 
+@cache
 def modules() -> dict[str, ast.Module]:
     """Every module by its name within the add-on."""
     found = {}
@@ -46,6 +48,7 @@ def imports(name: str, tree: ast.Module, known: set[str]) -> set[str]:
     return found
 
 
+@cache
 def graph() -> dict[str, set[str]]:
     trees = modules()
     return {name: imports(name, tree, set(trees)) for name, tree in trees.items()}

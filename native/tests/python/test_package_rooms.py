@@ -7,6 +7,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -48,6 +49,7 @@ def imports(body: list[ast.stmt], *, within_functions: bool) -> set[tuple[str, s
     return found
 
 
+@cache
 def modules() -> dict[tuple[str, str], list[ast.stmt]]:
     return {
         (path.parent.name, path.stem.removeprefix("__init__")): ast.parse(
