@@ -61,12 +61,6 @@ class Shape:
             skin=None if self.skin is None else self.skin.moved(matrix),
         )
 
-    def at(self, positions, normals):
-        """The same with its vertices elsewhere, as in another pose."""
-        normals = None if self.normals is None else normals
-        skin = None if self.skin is None else self.model().at(positions).skin
-        return replace(self, positions=positions, normals=normals, skin=skin)
-
     def model(self):
         """As something to be drawn."""
         colors = None if self.skin is not None else self.colors

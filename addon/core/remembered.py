@@ -206,9 +206,10 @@ def _is_shape(value):
         "masks": _is_text,
         "matrix": lambda matrix: _are_numbers(matrix, 16),
         "carried": lambda carried: isinstance(carried, bool),
+        "pose": _is_text_or_none,
     }
-    # Earlier versions had neither look nor masks.
-    needed = form.keys() - {"look", "masks"}
+    # Earlier versions had neither look nor masks; a source has no pose.
+    needed = form.keys() - {"look", "masks", "pose"}
     return isinstance(value, dict) and value.keys() >= needed and _fits(value, form)
 
 

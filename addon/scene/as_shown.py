@@ -126,11 +126,50 @@ def is_rigged(obj):
 
 def is_posed(obj):
     """Whether an armature, which isn't in Rest Position, bends an object."""
-    rigs = [m.object for m in obj.modifiers if m.type == "ARMATURE" and m.show_viewport]
-    rigs += [obj.parent] if obj.parent_type == "ARMATURE" else []
-    return any(
-        r is not None and r.type == "ARMATURE" and r.data.pose_position == "POSE" for r in rigs
-    )
+    return bool(posing(obj))
+
+
+def posing(obj):
+    """The armatures, none of which is in Rest Position, that bend an object."""
+    rigs = {m.object for m in obj.modifiers if m.type == "ARMATURE" and m.show_viewport}
+    if obj.parent_type == "ARMATURE":
+        rigs.add(obj.parent)
+    rigs.discard(None)
+    return {r for r in rigs if r.type == "ARMATURE" and r.data.pose_position == "POSE"}
+
+
+def pose_of(context, obj):
+    """A short string that tells the poses in which armatures show an object; None for one that they
+    don't move now. The scene must be up to date."""
+    rigs = posing(obj)
+    if not rigs:
+        return None
+    now = _places_shown(context, obj)
+    with at_rest(context, rigs):
+        rest = _places_shown(context, obj)
+    room = 1e-5 * np.linalg.norm(np.ptp(rest, axis=0)) if len(rest) else 0.0
+    is_moved = len(now) != len(rest) or (len(now) and np.abs(now - rest).max() > room)
+    return arrays.digest(now) if is_moved else None
+
+
+def _places_shown(context, obj):
+    evaluated = shape_reader.evaluated_of(obj, context.evaluated_depsgraph_get())
+    return arrays.positions_of(evaluated.data)
+
+
+@contextlib.contextmanager
+def at_rest(context, rigs):
+    """Has armatures show what they bend in Rest Position meanwhile."""
+    bones = {rig.data for rig in rigs}
+    try:
+        for one in bones:
+            one.pose_position = "REST"
+        context.view_layer.update()
+        yield
+    finally:
+        for one in bones:
+            one.pose_position = "POSE"
+        context.view_layer.update()
 
 
 def is_cache(modifier):

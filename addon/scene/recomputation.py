@@ -16,7 +16,6 @@ from ..core.stepping import finish
 from ..data import arrays
 from ..data.feature_list import feature_choices
 from . import (
-    applied,
     as_shown,
     baked_colors,
     morph_builder,
@@ -97,49 +96,40 @@ def plan_steps(context, obj, textures=None):
     if missing:
         return _plan_from_itself(obj, recipe, chosen.settings, chosen.loop, missing)
     update(context, *shapes)
-    posed, remarks = _poses(context, obj, shapes, recipe)
-    steps = plan_of_steps(context, shapes, chosen, textures, posed)
-    return replace((yield from steps), remarks=remarks)
+    rigs, remarks = _poses(context, obj, shapes, recipe)
+    steps = plan_of_steps(context, shapes, chosen, textures)
+    if not rigs:
+        return replace((yield from steps), remarks=remarks)
+    # What is only for the moment at rest must not be so when Blender goes on.
+    with as_shown.at_rest(context, rigs):
+        return replace(finish(steps), remarks=remarks)
 
 
 def _poses(context, obj, shapes, recipe):
-    """Of a morph whose rig poses it now: by their numbers, positions and normals of the targets
-    that are posed as well, as they were morphed; and of which these aren't known, in words."""
-    source, found, remarks = shapes[0], {}, []
+    """Of a morph whose rig poses it now: the armatures that pose targets which were morphed at
+    rest, and of which targets another pose is taken than was morphed, in words."""
+    source, rigs, remarks = shapes[0], set(), []
     if source.pointmorph.keep_modifiers or not morph_object.shown_of(obj).pointmorph.keeps_faces:
-        return found, remarks  # Morph said so, or nothing poses it
-    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
-    is_whole = morph_object.is_result(pairs) and applied.matrix_of(pairs) is None
-    origin = np.array(source.matrix_world.translation)
+        return rigs, remarks  # Morph said so, or nothing poses it
     for number, shape in enumerate(shapes[1:], 1):
         words = as_shown.posed_twice(context, source, shape)
         if words is None:
             continue
-        known = recipe["shapes"][number] if recipes.is_known(recipe) else None
-        now = finish(recipes.fingerprint_steps(shape, origin, True))
-        if not is_whole or known is None or known["data"] != now["data"]:
+        known = recipe["shapes"][number].get("pose") if recipes.is_known(recipe) else None
+        if known is None:
+            rigs |= as_shown.posing(shape)
+        elif known != as_shown.pose_of(context, shape):
             remarks.append(f"{words}, and recompute")
-            continue
-        of_pairs = (stage(pairs)[number] for stage in _STAGES)
-        stored = morph_object.read_stage(pairs, *of_pairs)
-        before, after = (np.reshape(one["matrix"], (4, 4)) for one in (known, now))
-        moved = np.eye(4) if np.array_equal(before, after) else after @ np.linalg.inv(before)
-        positions = transforms.move_positions(moved, stored["positions"])
-        found[number] = positions, transforms.move_normals(moved, stored["normals"])
-    return found, remarks
+    return rigs, remarks
 
 
-_STAGES = morph_object.stages, morph_object.stage_keys, morph_object.stage_rows
-
-
-def plan_of_steps(context, shapes, chosen, textures=None, posed=None):
-    """How to compute the morph from each of these objects to the next; see `plan_steps`. Those that
-    are `posed` are taken as that says."""
-    steps = _read_plan_steps(context, shapes, chosen, textures, posed or {})
+def plan_of_steps(context, shapes, chosen, textures=None):
+    """How to compute the morph from each of these objects to the next; see `plan_steps`."""
+    steps = _read_plan_steps(context, shapes, chosen, textures)
     return (yield from present_steps(context, shapes, steps))
 
 
-def _read_plan_steps(context, shapes, chosen, textures, posed):
+def _read_plan_steps(context, shapes, chosen, textures):
     update(context, *shapes)
     origin = np.array(shapes[0].matrix_world.translation)
     read = []
@@ -150,14 +140,14 @@ def _read_plan_steps(context, shapes, chosen, textures, posed):
         bakes = baked_colors.parts_for(drawn)
         steps = read_shape_steps(context, shape, origin, number > 0, relief, bakes)
         read.append((yield from steps))
-        if number in posed and len(posed[number][0]) == len(read[-1].positions):
-            read[-1] = read[-1].at(*posed[number])
     requests = []
     for source, target in pairwise(read):
         yield
         features = match(source, target, chosen.features)
         requests.append(Request(source, target, features, chosen.loop, chosen.settings))
     made = yield from recipes.take_down_steps(shapes, requests, origin, chosen.features)
+    for known, target in zip(made["shapes"][1:], shapes[1:], strict=True):
+        known["pose"] = as_shown.pose_of(context, target)
     source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
     return Plan(requests, made, origin, source_matrix, [])
 
