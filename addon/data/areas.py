@@ -1,5 +1,7 @@
 """Has parts of the window drawn again."""
 
+import contextlib
+
 import bpy
 
 
@@ -19,6 +21,14 @@ def local_views():
         for area in window.screen.areas
         if area.type == "VIEW_3D" and area.spaces.active.local_view is not None
     ]
+
+
+def put_in_local_views(obj, copy):
+    """Shows a new object where a local view shows the one in whose place it is."""
+    for space in local_views():
+        with contextlib.suppress(RuntimeError):  # it isn't in this view layer
+            if obj.visible_get(viewport=space):
+                copy.local_view_set(space, True)
 
 
 def redraw_sidebars():

@@ -1,4 +1,4 @@
-"""Data-blocks made together, or not at all, and where new objects go."""
+"""Data-blocks made together, or not at all, what they are called, and where new objects go."""
 
 from contextlib import contextmanager
 
@@ -7,16 +7,35 @@ import bpy
 
 @contextmanager
 def all_or_nothing():
-    """Gives a function to call with every data-block made; removes them all after an error."""
+    """Gives a function to call with every data-block made; removes all that are left of them after
+    an error."""
     created = []
     try:
         yield created.append
     except BaseException:
+        created = [item for item in created if _is_there(item)]
         for item in created:
             if isinstance(item, bpy.types.Object):
                 item.shape_key_clear()  # a data-block that isn't removed with the mesh
         bpy.data.batch_remove(created)
         raise
+
+
+def _is_there(item):
+    """Whether a data-block wasn't removed meanwhile, as what is joined to another is."""
+    try:
+        return bool(item.name)
+    except ReferenceError:
+        return False
+
+
+_LONGEST = 63 - 4  # bytes, with room for what makes a name another
+
+
+def ending_in(name, ending):
+    """A name with an ending, which Blender would cut off where the name is long."""
+    room = _LONGEST - len(ending.encode())
+    return name.encode()[:room].decode(errors="ignore") + ending
 
 
 def copied(obj):

@@ -97,18 +97,13 @@ class POINTMORPH_OT_join_copies(Explained, bpy.types.Operator):
         active = context.view_layer.objects.active
         try:
             lead = active if active in chosen else chosen[0]
-            copy, count, rig = joined.join(context, chosen, lead)
+            copy, count, (moved, *remarks) = joined.join(context, chosen, lead)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         activate(context.view_layer.objects, copy)
-        said = f'"{copy.name}" shows {count} objects, which are hidden'
-        if rig is not None and copy.parent == rig:
-            said += f', and "{rig.name}" moves it'
-        elif rig is not None:
-            said += (
-                f', in their present pose. For a mesh that "{rig.name}" moves, undo, set that to '
-                "Rest Position and join again"
-            )
+        said = f'"{copy.name}" shows {count} objects, which are hidden{moved}'
+        for remark in remarks:
+            self.report({"WARNING"}, remark)
         self.report({"INFO"}, said)
         return {"FINISHED"}
 

@@ -169,7 +169,9 @@ _FEW = 2000
 def are_parts(context):
     """Whether the selected objects may be parts of one model, or what these are parented to."""
     selected = context.selected_objects
-    if len(selected) > 2 or any(obj.type in {"ARMATURE", "EMPTY"} for obj in selected):
+    if len(selected) > 2 or any(
+        obj.type == "ARMATURE" or joined.is_of_parts(obj) for obj in selected
+    ):
         return True
     if any(obj.parent in selected for obj in selected):
         return True

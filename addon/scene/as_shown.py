@@ -8,7 +8,7 @@ import numpy as np
 import pointmorph
 
 from ..core.features import PREFIX, meant
-from ..data import arrays, creation
+from ..data import areas, arrays, creation
 from ..data.feature_list import feature_groups
 from . import morph_builder, morph_object, shape_reader
 
@@ -297,7 +297,7 @@ def copy_as_shown(context, obj, hides=True):
         copy = _copy(obj, mesh, created)
         if copy.parent_type in {"ARMATURE", "LATTICE"}:  # which would bend it once more
             copy.parent_type = "OBJECT"
-        copy.name = mesh.name = f"{obj.name} as Shown"
+        copy.name = mesh.name = creation.ending_in(obj.name, " as Shown")
         for index, slot in enumerate(obj.material_slots):
             if slot.link == "OBJECT" and index < len(copy.material_slots):
                 copy.material_slots[index].link = "OBJECT"
@@ -318,7 +318,7 @@ def renew(context, copy):
     obj, before = copy.pointmorph.shown_from, copy.data
     with creation.all_or_nothing() as created:
         mesh = _mesh_as_shown(context, obj, created)
-        mesh.name = f"{obj.name} as Shown"
+        mesh.name = creation.ending_in(obj.name, " as Shown")
         copy.data = mesh
         try:
             if obj.type == "MESH":
@@ -420,6 +420,7 @@ def link_beside(context, obj, copy):
         one.objects.link(copy)
     if not homes:
         creation.link(context, copy)
+    areas.put_in_local_views(obj, copy)
 
 
 def _put_at(context, obj, copy):
@@ -435,6 +436,31 @@ def hide(context, obj):
     obj.hide_set(True, view_layer=context.view_layer)
     if obj.is_editable:
         obj.hide_render = True
+
+
+def hide_all(context, objects):
+    """Hides objects, or none of them."""
+    before = [(obj, visibility_of(obj)) for obj in objects]
+    try:
+        for obj in objects:
+            hide(context, obj)
+    except BaseException:
+        for obj, visibility in before:
+            _show(context, obj, visibility)
+        raise
+
+
+def still_rendered(objects):
+    """That some objects which are hidden are in renders nevertheless, in words; a list, empty where
+    they aren't."""
+    linked = [obj for obj in objects if not obj.is_editable and not obj.hide_render]
+    if not linked:
+        return []
+    which = f'"{linked[0].name}" is' if len(linked) == 1 else f"{len(linked)} objects are"
+    return [
+        f"{which} linked from another file and can't be hidden in renders: make a library override "
+        "(Object > Relations > Make Library Override) and turn off its camera icon"
+    ]
 
 
 def _show(context, original, visibility):

@@ -1,5 +1,6 @@
 """One mesh of what several objects show, so that a model of many parts morphs as a whole."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import bpy
@@ -9,7 +10,7 @@ from mathutils import Matrix
 
 from ..core import transforms
 from ..data import arrays, creation
-from . import as_shown, morph_object, object_looks
+from . import as_shown, morph_object, shared_layers
 
 _TYPES = ("MESH", *arrays.MADE_TYPES)
 
@@ -46,6 +47,42 @@ def left_behind(context, obj, shapes):
     )
 
 
+@dataclass(frozen=True)
+class _Movers:
+    """What moves the parts of a model.
+
+    Attributes
+    ----------
+    rig : Object or None
+        The armature that alone does so, and can go on moving the mesh of all.
+    bones : dict of Object to str
+        By part, the bone that this is parented to, itself or what it's parented to.
+    instead : str
+        In words, what is to be done for a mesh that is moved, where something else moves them, too.
+    """
+
+    rig: bpy.types.Object | None
+    bones: dict
+    instead: str = ""
+
+    @property
+    def goes_on(self):
+        """Whether the armature is in Rest Position, so that it would do nothing to the mesh now."""
+        return self.rig is not None and self.rig.data.pose_position == "REST"
+
+    @property
+    def words(self):
+        """The end of a sentence about the mesh."""
+        if self.goes_on:
+            return f', and "{self.rig.name}" moves it'
+        if self.rig is not None:
+            return (
+                f', in their present pose. For a mesh that "{self.rig.name}" moves, undo, set that '
+                "to Rest Position and join again"
+            )
+        return f", in their present pose. {self.instead}" if self.instead else ""
+
+
 def join(context, chosen, lead):
     """A mesh of what the viewport shows of objects, of all that is parented to them or bent by
     them, and of the collections that they show; in the place of one of them, the `lead`. Those that
@@ -56,8 +93,8 @@ def join(context, chosen, lead):
     Object
     int
         Of how many parts it is made.
-    Object or None
-        The armature that moves them; the mesh is parented to it if that is in Rest Position.
+    list of str
+        The end of a sentence about how it moves, and what is to be said besides.
 
     Raises
     ------
@@ -76,41 +113,46 @@ def join(context, chosen, lead):
                 "Select the others as well, or the object that they are parented to.",
             )
         meshes = [mesh for mesh, _ in found]
-        rendered = _share_uv_map(meshes)
-        for mesh in meshes:
-            if not mesh.materials and any(other.materials for other in meshes):
-                mesh.materials.append(None)  # else it would get the first one of another
-        origin = lead.matrix_world.translation.copy()
-        for mesh in meshes:
-            mesh.transform(Matrix.Translation(-origin))
-        parts = [bpy.data.objects.new(f"{lead.name} Joined", mesh) for mesh in meshes]
-        for part in parts:
-            created(part)
-            context.scene.collection.objects.link(part)
-        rig, bones = _rig_of(owners)
-        goes_on = rig is not None and rig.data.pose_position == "REST"
-        for part, (_, owner) in zip(parts, found, strict=True):
-            if goes_on and (owner in bones or not _is_bent(owner, rig)):
-                _weigh(part, rig, bones.get(owner))
-    joined = _joined(context, parts)
-    for mesh in meshes[1:]:
-        bpy.data.meshes.remove(mesh)
-    if rendered is not None:
-        _render_uv_map(joined.data, rendered)
-    joined.name = joined.data.name = f"{lead.name} Joined"
-    joined.location = origin
-    context.scene.collection.objects.unlink(joined)
-    as_shown.link_beside(context, lead, joined)
-    if goes_on:
-        _bend(context, joined, rig, owners)
-    for owner in owners:
-        as_shown.hide(context, owner)
-    return joined, len(found), rig
+        movers = _movers_of(owners)
+        parts = _parts(context, found, lead, movers, created)
+        rendered, colors = shared_layers.share_uv_map(meshes), shared_layers.share_colors(meshes)
+        joined = _joined(context, parts)
+        for mesh in meshes[1:]:
+            bpy.data.meshes.remove(mesh)
+        if rendered is not None:
+            shared_layers.render_uv_map(joined.data, rendered)
+        if colors is not None:
+            shared_layers.show_colors(joined.data, colors)
+        joined.name = joined.data.name = creation.ending_in(lead.name, " Joined")
+        joined.location = lead.matrix_world.translation
+        context.scene.collection.objects.unlink(joined)
+        as_shown.link_beside(context, lead, joined)
+        if movers.goes_on:
+            _bend(context, joined, movers.rig, owners)
+        as_shown.hide_all(context, owners)
+    return joined, len(found), [movers.words, *as_shown.still_rendered(owners)]
 
 
-def _rig_of(owners):
-    """The armature that moves all parts that one moves, or None; and by part, the name of the bone
-    that this is parented to, itself or what it's parented to."""
+def _parts(context, found, lead, movers, created):
+    """Objects with the meshes that were read of others, around the place of the `lead`."""
+    meshes = [mesh for mesh, _ in found]
+    away = Matrix.Translation(-lead.matrix_world.translation)
+    parts = []
+    for mesh, owner in found:
+        if not mesh.materials and any(other.materials for other in meshes):
+            mesh.materials.append(None)  # else it would get the first one of another
+        mesh.transform(away)
+        part = bpy.data.objects.new("Part", mesh)
+        created(part)
+        context.scene.collection.objects.link(part)
+        if movers.goes_on and (owner in movers.bones or not _is_bent(owner, movers.rig)):
+            _weigh(part, movers.rig, movers.bones.get(owner))
+        parts.append(part)
+    return parts
+
+
+def _movers_of(owners):
+    """What moves the parts of a model."""
     rigs, bones = set(), {}
     for owner in owners:
         rigs |= {m.object for m in owner.modifiers if m.type == "ARMATURE" and m.show_viewport}
@@ -123,13 +165,29 @@ def _rig_of(owners):
                 bones.setdefault(owner, one.parent_bone)
             one = one.parent
     rigs.discard(None)
-    if len(rigs) != 1:
-        return None, {}
+    if len(rigs) > 1:
+        names = " and ".join(sorted(f'"{rig.name}"' for rig in rigs))
+        return _Movers(
+            None,
+            {},
+            f"{names} move them, and only one can move a mesh. For meshes that they move, undo and "
+            "join the parts of each by themselves",
+        )
+    if not rigs:
+        return _Movers(None, {})
     (rig,) = rigs
-    known = [rig.data.bones.get(name) for name in bones.values()]
-    if any(bone is None or not bone.use_deform for bone in known):
-        return None, {}  # a bone that bends nothing can't move a part of a mesh
-    return rig, bones
+    for name in bones.values():
+        bone = rig.data.bones.get(name)
+        if bone is None:
+            return _Movers(None, {}, f'"{rig.name}" has no bone "{name}" any longer')
+        if not bone.use_deform:  # which can't move a part of a mesh
+            return _Movers(
+                None,
+                {},
+                f'For a mesh that "{rig.name}" moves, undo, turn on Deform for its bone "{name}" '
+                "(Bone properties) and join again",
+            )
+    return _Movers(rig, bones)
 
 
 def _is_bent(owner, rig):
@@ -201,6 +259,8 @@ def _shown(depsgraph, family):
         owner = shown.parent.original if shown.is_instance else obj
         if owner not in family or shown.object.type not in _TYPES:
             continue
+        if not owner.visible_get():  # left out of the local view
+            continue
         if obj.evaluated_get(depsgraph) == shown.object:
             if shown.is_instance or shown.show_self:
                 found.append((obj, shown.matrix_world.copy(), owner))
@@ -231,29 +291,6 @@ def _move(mesh, matrix):
         mesh.flip_normals()
     if bent:
         arrays.give_normals_back(mesh, partial(transforms.move_normals, np.array(matrix)))
-
-
-def _share_uv_map(meshes):
-    """Gives the UV map that is rendered one name on all meshes, and returns it: joined, they have
-    one that is. None where no mesh has one."""
-    rendered = [(mesh, object_looks.render_layer(mesh)) for mesh in meshes]
-    rendered = [(mesh, layer) for mesh, layer in rendered if layer is not None]
-    names, name = [layer.name for _, layer in rendered], None
-    for name in (*names, *(f"{name} Rendered" for name in names)):
-        # Where it is another map's, materials go on naming that.
-        if all(layer.name == name or name not in mesh.uv_layers for mesh, layer in rendered):
-            break
-    for mesh, layer in rendered:
-        if name not in mesh.uv_layers:
-            arrays.write_uvs(mesh, name, arrays.corner_uvs(layer))
-    return name
-
-
-def _render_uv_map(mesh, name):
-    """Has a mesh render a UV map: joined, it may have another one of its parts'."""
-    if name in mesh.uv_layers:
-        mesh.uv_layers[name].active_render = True
-        mesh.uv_layers.active = mesh.uv_layers[name]
 
 
 def _joined(context, parts):

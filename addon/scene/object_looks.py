@@ -51,6 +51,19 @@ def vertex_colors(mesh, skin):
     return arrays.mean_of_corners(mesh, skin.look.corner_colors())
 
 
+def plain_colors(mesh):
+    """(C, 4): of every corner, what its face's material has as a plain color, and white where that
+    comes from an image, an attribute or nodes."""
+    reader = _reader(mesh, False, _WITHOUT_PIXELS)
+    colors = []
+    for material in list(mesh.materials) or [None]:
+        surface, has_own = (PLAIN, False) if material is None else reader.surface(material)
+        is_plain = not has_own and isinstance(surface.color, looks.Constant)
+        colors.append(tuple(surface.color.value) if is_plain else (1.0, 1.0, 1.0, 1.0))
+    slots = arrays.material_indices(mesh).clip(0, len(colors) - 1)
+    return np.array(colors, np.float32)[np.repeat(slots, arrays.corner_counts(mesh))]
+
+
 def materials_of(obj, mesh):
     """The material of every slot, be it the object's or the mesh's."""
     found = list(mesh.materials)

@@ -12,6 +12,7 @@ import pointmorph
 
 from ..data import areas
 from . import (
+    as_shown,
     morph_builder,
     morph_object,
     morphing_mesh,
@@ -43,7 +44,7 @@ def present(context, obj, again=False):
     Object
         What shows it; it has the name that `obj` had.
     list of str
-        Why it isn't shown by faces all the same, or lacks something, in words.
+        Why it isn't shown by faces all the same, lacks something, or isn't alone in renders.
     """
     shown, said = obj, []
     if obj.pointmorph.keeps_faces:  # its points are gone
@@ -60,6 +61,9 @@ def present(context, obj, again=False):
     show_shapes(context, obj, False)
     if shown != obj and (left := morphing_mesh.left_off(recipes.shapes_of(obj)[0])):
         said.append(f'"{shown.name}" has no {", ".join(left)}: no mesh can have it and morph')
+    if not again:
+        shapes = [shape for shape in recipes.shapes_of(obj) if shape is not None]
+        said += as_shown.still_rendered(dict.fromkeys(map(recipes.original_of, shapes)))
     return shown, said
 
 

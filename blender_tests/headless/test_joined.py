@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from modeling import add_armature, show_by_nodes
+from painted_scenes import material
 from panel_drawing import Layout, drawing_context
 from scenes import add_mesh, coordinates, data_blocks, error_of, morph, patch
 
 
-def add_part(name, parent, matrix=None, material=None, uv_map=None):
+def add_part(name, parent, matrix=None, skin=None, uv_map=None):
     """A smooth sheet, parented to something, with a material and a UV map that tells its parts."""
     part = add_mesh(name, *patch(5))
     part.data.shade_smooth()
     part.parent = parent
     part.matrix_world = matrix or Matrix()
-    if material is not None:
-        part.data.materials.append(bpy.data.materials.new(material))
+    if skin is not None:
+        part.data.materials.append(bpy.data.materials.new(skin))
     if uv_map is not None:
         layer = part.data.uv_layers.new(name=uv_map)
         for corner, uv in enumerate(layer.uv):
@@ -173,15 +174,27 @@ def test_a_rig_at_rest_goes_on_moving_what_it_moved(capfd):
         assert apart.min(axis=1).max() < 1e-5
 
 
-@pytest.mark.parametrize("why", ["pose", "bone"])
-def test_a_rig_that_cannot_move_a_mesh_leaves_it(capfd, why):
+WHY_NOT = {
+    "pose": "undo, set that to Rest Position and join again",
+    "bone": 'undo, turn on Deform for its bone "Bone"',
+    "two rigs": '"Rig" and "Rig.001" move them, and only one can move a mesh',
+}
+
+
+@pytest.mark.parametrize("why", WHY_NOT)
+def test_a_rig_that_cannot_move_a_mesh_leaves_it_and_that_is_said(capfd, why):
+    """Two rigs at rest left it in silence."""
     rig, _ = add_character("POSE" if why == "pose" else "REST")
     rig.data.bones["Bone"].use_deform = why != "bone"
-    joined = join(rig)
+    chosen = [rig]
+    if why == "two rigs":
+        other = add_part("Other", None, Matrix.Translation((9, 0, 0)))
+        add_armature(other, (0, 0, 0))
+        chosen = [rig, other.modifiers[0].object]
+    joined = join(*chosen)
     assert joined.parent is None
     assert not joined.modifiers
-    said = capfd.readouterr().out
-    assert ("set that to Rest Position and join again" in said) == (why == "pose")
+    assert WHY_NOT[why] in capfd.readouterr().out
 
 
 def test_a_collection_that_is_shown_is_joined():
@@ -399,3 +412,133 @@ def test_texts_in_a_collection_that_is_shown_are_joined():
     bpy.ops.object.text_add()
     joined = join(show_in_collection(bpy.context.object, add_part("Part", None)))
     assert len(joined.data.vertices) > 25
+
+
+def paint(part, name, color, kind="FLOAT_COLOR", domain="POINT"):
+    colors = part.data.color_attributes.new(name, kind, domain)
+    for one in colors.data:
+        one.color = color
+    part.data.color_attributes.active_color = colors
+
+
+RED, GREEN, BLUE = (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"name": "Paint"},
+        {"name": "Col", "kind": "BYTE_COLOR", "domain": "CORNER"},
+        {"name": "Col", "domain": "CORNER"},
+    ],
+)
+@pytest.mark.parametrize("first", [0, 1])
+def test_colors_of_parts_are_shown_whatever_their_names_and_kinds(others, first):
+    """All parts but those with the first one's name were white, or black in Blender 5."""
+    parts = [
+        add_part(name, None, Matrix.Translation((4 * x, 0, 0))) for x, name in enumerate("ABC")
+    ]
+    paint(parts[first], "Col", RED)
+    paint(parts[1 - first], color=GREEN, **others)
+    parts[2].data.materials.append(material("Blue", BLUE))
+    joined = join(*parts).data
+    names = [colors.name for colors in joined.color_attributes]
+    assert len(names) == len(set(names))
+    shown = joined.color_attributes.active_color
+    assert joined.attributes.default_color_name == shown.name
+    wanted = [RED, GREEN, BLUE] if first == 0 else [GREEN, RED, BLUE]
+    for face in joined.polygons:
+        for corner in face.loop_indices:
+            row = joined.loops[corner].vertex_index
+            color = shown.data[corner if shown.domain == "CORNER" else row].color
+            place = joined.vertices[row].co.x + bpy.data.objects["C"].location.x
+            assert tuple(color) == pytest.approx(wanted[round(place / 4)], abs=1e-3)
+
+
+def in_viewport():
+    """Where a viewport is, and its region."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(one for one in window.screen.areas if one.type == "VIEW_3D")
+    region = next(one for one in area.regions if one.type == "WINDOW")
+    return bpy.context.temp_override(window=window, area=area, region=region)
+
+
+def test_what_a_local_view_leaves_out_is_not_joined():
+    root = add_empty()
+    parts = [add_part(name, root) for name in "ABC"]
+    select(root, *parts[:2])
+    with in_viewport():
+        assert bpy.ops.view3d.localview() == {"FINISHED"}
+        joined = join(root)
+        assert len(joined.data.vertices) == 2 * 25
+        assert joined.visible_get()
+        assert not parts[2].hide_render
+        bpy.ops.view3d.localview()
+
+
+def test_an_error_midway_leaves_nothing_behind(addon, monkeypatch):
+    """What was joined stayed, and parts were hidden."""
+    rig, parts = add_character("REST")
+    select(rig)
+    before = data_blocks()
+
+    def fail(*_):
+        raise RuntimeError("of Blender's")
+
+    as_shown = addon("scene.as_shown")
+    for name in ("hide", "link_beside"):
+        with monkeypatch.context() as patched:
+            patched.setattr(as_shown, name, fail)
+            assert "of Blender's" in error_of(bpy.ops.pointmorph.join_copies)
+        assert data_blocks() == before
+        assert not any(part.hide_get() or part.hide_render for part in parts)
+
+
+def test_long_names():
+    """The map that is rendered got a name that Blender cut, and wasn't found."""
+    name = "ä" * 31
+    parts = [add_part(f"{x}", None, uv_map=name) for x in "AB"]
+    layer = parts[1].data.uv_layers.new(name="L" * 63)
+    layer.active_render = True
+    for uv in layer.uv:
+        uv.vector = (0.75, 0.5)
+    parts[1].name = "n" * 63
+    parts[0].data.uv_layers.new(name="L" * 63)
+    joined = join(*parts)
+    assert joined.name.endswith(" Joined")
+    shown = next(layer for layer in joined.data.uv_layers if layer.active_render)
+    assert sum(tuple(uv.vector) == (0.75, 0.5) for uv in shown.uv) == len(shown.uv) // 2
+
+
+def test_parts_that_are_linked_are_said_to_be_rendered(tmp_path, capfd):
+    """They can't be hidden there."""
+    path = str(tmp_path / "parts.blend")
+    bpy.data.libraries.write(path, {add_part("Lid", None), add_part("Chest", None)})
+    for name in ("Lid", "Chest"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    with bpy.data.libraries.load(path, link=True) as (there, linked):
+        linked.objects = there.objects
+    for part in linked.objects:
+        bpy.context.scene.collection.objects.link(part)
+    join(*linked.objects)
+    assert all(part.hide_get() for part in linked.objects)
+    assert "2 objects are linked from another file and can't be hidden" in capfd.readouterr().out
+
+
+def test_linked_targets_are_said_to_be_rendered(settings, tmp_path, capfd):
+    path = str(tmp_path / "part.blend")
+    bpy.data.libraries.write(path, {add_part("Lid", None)})
+    bpy.data.objects.remove(bpy.data.objects["Lid"])
+    with bpy.data.libraries.load(path, link=True) as (there, linked):
+        linked.objects = there.objects
+    bpy.context.scene.collection.objects.link(linked.objects[0])
+    settings.domain = "disk"
+    select(add_part("Other", None), linked.objects[0])
+    capfd.readouterr()
+    morph()
+    assert '"Lid" is linked from another file and can\'t be hidden' in capfd.readouterr().out
+
+
+def test_the_panel_does_not_offer_to_join_an_empty_alone(addon):
+    select(add_empty())
+    assert not addon("operators.polls").are_parts(bpy.context)
