@@ -36,6 +36,30 @@ FIGURES = {
 }
 """What the figures of `pointmorph.quality_summary` mean, by name."""
 
+_FROM_EARLIER = (
+    "This map was computed from an earlier one, as after Subdivide Source, and no others were "
+    "looked for. For that alone it is less, such as 90 % instead of 95 %"
+)
+
+
+def meaning(name, report):
+    """What a figure of a report means."""
+    if name == "Likely right" and _is_from_earlier(report):
+        return f"{FIGURES[name]}. {_FROM_EARLIER}"
+    return FIGURES[name]
+
+
+def _is_from_earlier(report):
+    """Whether a map, or one of a chain's, was computed from an earlier one, which only domain auto
+    can."""
+    return any(
+        way["options"]["domain"] == "auto"
+        and any(start["start"] == "earlier map" for start in way["starts"])
+        for way in (report, *report.get("ways", {}).values())
+        if "starts" in way and "options" in way
+    )
+
+
 OF_FEATURES = (
     "How far this feature ends from its counterpart, in point spacings. For a region, also how "
     "much of it is inside the other"
@@ -91,9 +115,10 @@ def _said_of_map(report):
         found.append(f"Match: {percent(flipped)} of the points are folded over")
     if covered < COVERED:
         found.append(f"Match: {percent(1.0 - covered)} of the points are left out")
-    right = report.get("likely_right", 1.0)
+    right, from_earlier = report.get("likely_right", 1.0), _is_from_earlier(report)
     if right < MOSTLY_RIGHT:
-        found.append(f"Match: only {percent(right)} is likely right")
+        less = ", less for being computed from an earlier map" if from_earlier else ""
+        found.append(f"Match: only {percent(right)} is likely right{less}")
     doubtful = report.get("doubtful", [])
     if doubtful:
         found.append(f"Match: {_counted(len(doubtful))} more likely wrong than right")

@@ -73,7 +73,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             draw_subdivide(layout)
         box = layout.box().column(align=True)
         for name, value in pointmorph.quality_summary(report):
-            _draw_figure(box, name, value, quality_words.FIGURES[name])
+            _draw_figure(box, name, value, quality_words.meaning(name, report))
         for name, value in pointmorph.feature_summary(report):
             _draw_figure(box, name, value, quality_words.OF_FEATURES)
 

@@ -18,6 +18,7 @@ from scenes import (
     mark,
     morph,
     pair,
+    patch,
     read,
     select,
     triangles,
@@ -298,6 +299,25 @@ def test_faces_make_the_grade_and_doubts_make_it_fair_at_best(addon, settings):
             assert {reason, "Faces: so it is"} <= set(found.reasons)
             said = " ".join(found.reasons).lower()
             assert not any(f"{other}:" in said for other in GRADES)
+
+
+def test_why_a_map_from_an_earlier_one_is_thought_less_of(addon):
+    """After Subdivide Source, the panel was less sure of the same map, and didn't say why."""
+    words = addon("core.quality_words")
+    positions, faces = patch(12)
+    low, high = (pointmorph.Cloud(positions * (1, 1, z), faces=faces) for z in (1, 1.2))
+    first = pointmorph.morph(low, high)
+    again = pointmorph.morph(low, high, start=(first.wrapped(1.0), first.wrapped_target(0.0)))
+    assert again.report["likely_right"] < first.report["likely_right"]
+    said = "was computed from an earlier one"
+    for made, is_from_earlier in ((first, False), (again, True)):
+        of_chain = {"ways": {"A to B": made.report}}
+        for report in (made.report, of_chain):
+            assert (said in words.meaning("Likely right", report)) == is_from_earlier
+        assert said not in words.meaning("Folded", made.report)
+        reasons = words.verdict({**made.report, "likely_right": 0.7}).reasons
+        of_it = next(reason for reason in reasons if "only 70 % is likely right" in reason)
+        assert of_it.endswith("an earlier map") == is_from_earlier
 
 
 def test_every_figure_is_explained(addon, settings):
