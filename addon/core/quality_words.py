@@ -111,7 +111,7 @@ def _said_of_map(report):
     ways = report["quality"].values()
     flipped, covered = max(way["flipped"] for way in ways), min(way["coverage"] for way in ways)
     found = []
-    if flipped > FOLDED:
+    if flipped > FOLDED and not report.get("mesh"):
         found.append(f"Match: {percent(flipped)} of the points are folded over")
     if covered < COVERED:
         found.append(f"Match: {percent(1.0 - covered)} of the points are left out")
@@ -171,7 +171,15 @@ def with_present_names(text, names):
     names : dict of str to str
         The present names by the former.
     """
-    changed = {old: new for old, new in names.items() if old != new}
+    return _with_names(text, {old: new for old, new in names.items() if old != new})
+
+
+def with_quoted_names(text, names):
+    """A text of the library's with the names of objects as the add-on has them in its own."""
+    return _with_names(text, {name: f'"{name}"' for name in names})
+
+
+def _with_names(text, changed):
     if not changed:
         return text
     longest_first = sorted(changed, key=len, reverse=True)

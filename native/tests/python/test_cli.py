@@ -59,7 +59,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
         "starts", "likely_right", "doubtful",
     ):  # fmt: skip
         assert key in report
-    for name in ("Covered", "Stretch", "Folded", "Round-trip error"):
+    for name in ("Covered", "Stretch", "Faces folded", "Round-trip error"):
         assert f"\n  {name}" in done.stdout
     assert any(f"\n{grade}: " in done.stdout for grade in ("Good", "Fair", "Poor"))
 

@@ -197,6 +197,7 @@ def test_the_report_says_how_good_the_mesh_looks() -> None:
         "Target missed",
         "Off the target",
     ]
+    assert "Folded" not in names  # which is of points
 
 
 def test_a_mesh_that_is_too_coarse_says_where() -> None:

@@ -154,6 +154,7 @@ def test_a_mark_that_is_bad_itself_is_to_be_checked() -> None:
         ({"mesh": mesh("poor")}, "poor"),
         ({"quality": {"there": {"flipped": 0.03, "coverage": 1.0}}}, "poor"),
         ({"quality": {"there": {"flipped": 0.0, "coverage": 0.9}}, "mesh": mesh("good")}, "fair"),
+        ({"quality": {"there": {"flipped": 0.23, "coverage": 1.0}}, "mesh": mesh("good")}, "good"),
         ({"worst": [place(0, "toward +X of Fox", "folded")]}, "fair"),
     ],
 )

@@ -61,14 +61,15 @@ def _figures(outcome: PairOutcome) -> dict[str, Any]:
         report = json.loads((outcome.job.folder / REPORT).read_text(encoding="utf-8"))
         both = report["quality"].values()
         names = (outcome.job.source.stem, outcome.job.target.stem)
+        mesh = report.get("mesh") or {}
         return {
             "seconds": round(float(report["seconds"]), 3),
             "pairs": int(report["pairs"]),
             "memory": int(report["peak_memory_bytes"]),
             "covered": min(one["coverage"] for one in both),
-            "folded": max(one["flipped"] for one in both),
-            "mesh": (report.get("mesh") or {}).get("grade"),
-            "verdict": (report.get("mesh") or {}).get("verdict"),
+            "folded": mesh.get("folded", max(one["flipped"] for one in both)),
+            "mesh": mesh.get("grade"),
+            "verdict": mesh.get("verdict"),
             "warnings": report["warnings"],
             "advice": _advice(report, names),
         }

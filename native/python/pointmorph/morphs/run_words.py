@@ -63,7 +63,7 @@ def verdict_line(report: Mapping[str, Any], names: Sequence[str]) -> str:
     if not mesh or mesh["grade"] == "good":
         folded = max(way["flipped"] for way in ways)
         covered = min(way["coverage"] for way in ways)
-        if folded > FOLDED:
+        if folded > FOLDED and not mesh:
             reasons.append(f"{quality.percent(folded)} of the points are turned over")
         if covered < COVERED:
             reasons.append(f"{quality.percent(1 - covered)} of the points have no counterpart")

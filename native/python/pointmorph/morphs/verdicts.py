@@ -22,10 +22,10 @@ def grade_of(report: Mapping[str, Any]) -> str:
 
     If the source has faces, it is how they look (`MeshQuality.grade`), as it is them that people
     see; but at most "fair" if the match is in doubt (less than `MOSTLY_RIGHT` of it is likely
-    right) or has gaps (more points than `FOLDED` are turned over, or fewer than `COVERED` have a
-    counterpart).
+    right) or has gaps (fewer points than `COVERED` have a counterpart).
 
-    Else "poor" if the match has gaps, "fair" if it is in doubt or has bad places.
+    Else "poor" if the match has gaps, of which there are also some if more points than `FOLDED` are
+    turned over, "fair" if it is in doubt or has bad places.
 
     Parameters
     ----------
@@ -34,10 +34,10 @@ def grade_of(report: Mapping[str, Any]) -> str:
     """
     ways = report["quality"].values()
     doubted = report.get("likely_right", 1.0) < MOSTLY_RIGHT
-    has_gaps = any(way["flipped"] > FOLDED or way["coverage"] < COVERED for way in ways)
-    if mesh := report.get("mesh"):
+    has_gaps = any(way["coverage"] < COVERED for way in ways)
+    if mesh := report.get("mesh"):  # which has folds of its own, by area
         at_least = "fair" if doubted or has_gaps else "good"
         return max(str(mesh["grade"]), at_least, key=GRADES.index)
-    if has_gaps:
+    if has_gaps or any(way["flipped"] > FOLDED for way in ways):
         return "poor"
     return "fair" if doubted or report["worst"] or report.get("doubtful") else "good"
