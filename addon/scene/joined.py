@@ -86,7 +86,8 @@ class _Movers:
 def join(context, chosen, lead):
     """A mesh of what the viewport shows of objects, of all that is parented to them or bent by
     them, and of the collections that they show; in the place of one of them, the `lead`. Those that
-    are in it are hidden. An armature in Rest Position goes on bending it.
+    are in it are hidden, and those that were hidden are so in renders, too. An armature in Rest
+    Position goes on bending it.
 
     Returns
     -------
@@ -129,8 +130,27 @@ def join(context, chosen, lead):
         as_shown.link_beside(context, lead, joined)
         if movers.goes_on:
             _bend(context, joined, movers.rig, owners)
-        as_shown.hide_all(context, owners)
-    return joined, len(found), [movers.words, *as_shown.still_rendered(owners)]
+        unseen = [one for one in family if _is_only_rendered(one)]
+        as_shown.hide_all(context, [*owners, *unseen])
+    said = [movers.words, *as_shown.still_rendered([*owners, *unseen])]
+    if unseen:
+        said.append(_unseen_words(unseen))
+    return joined, len(found), said
+
+
+def _is_only_rendered(obj):
+    """Whether somebody has hidden an object with a surface, which would be rendered beside the mesh
+    of the others."""
+    return obj.type in _TYPES and obj.hide_get() and not obj.hide_render
+
+
+def _unseen_words(objects):
+    which = (
+        f'"{objects[0].name}", which was hidden, isn\'t'
+        if len(objects) == 1
+        else f"{len(objects)} objects, which were hidden, aren't"
+    )
+    return f"{which} in the mesh, and now hidden in renders, too"
 
 
 def _parts(context, found, lead, movers, created):

@@ -72,7 +72,7 @@ PLACES = {
 }
 
 
-def test_a_mesh_shows_what_the_parts_of_a_model_show():
+def test_a_mesh_shows_what_the_parts_of_a_model_show(capfd):
     root = add_empty()
     parts = [add_part(name, root, matrix, name, name) for name, matrix in PLACES.items()]
     for part in parts:
@@ -95,7 +95,9 @@ def test_a_mesh_shows_what_the_parts_of_a_model_show():
         assert one.hide_render
         assert [*map(tuple, one.matrix_world)] == before[one.name]
     assert not root.hide_get()
-    assert not hidden.hide_render
+    assert hidden.hide_render  # else it would be rendered beside the mesh
+    said = '"hidden", which was hidden, isn\'t in the mesh, and now hidden in renders, too'
+    assert said in capfd.readouterr().out
     assert len(joined.data.vertices) == 4 * 25
 
     # Parts come in any order: a place tells which is which.
