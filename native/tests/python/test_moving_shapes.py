@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pointmorph
 import pytest
 from pointmorph import sequences
-from pointmorph.sequences import MovingSequence, ShapeState, frame_stores
+from pointmorph.sequences import MovingSequence, ShapeState, frame_stores, moving_shapes
 from shapes import grid
 
 TIMES = np.linspace(0.0, 1.0, 5).tolist()
@@ -105,6 +105,25 @@ def test_velocities_are_the_way_to_the_next_frame(torn: pointmorph.Morph) -> Non
     pairs = here.ids[a] < len(torn.pairs)
     np.testing.assert_allclose(here.velocities[a][pairs], way[pairs], atol=1e-4)
     np.testing.assert_allclose(here.velocities[a][~pairs], way[~pairs], atol=0.02)
+
+
+def test_frames_need_no_inverses_of_numpys(
+    torn: pointmorph.Morph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames that are made side by side waited for each other at each small matrix."""
+    matrices = [turn(ANGLE * k) for k in range(len(TIMES))]
+    settings = {"path": "rigid"}
+    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), settings)
+    monkeypatch.delattr(np.linalg, "inv")
+    assert len(sequence.frame(2).ids) > len(torn.pairs) + 20
+
+
+@pytest.mark.parametrize("size", [1e-90, 1e-8, 1.0, 1e8, 1e90])
+def test_inverses_are_those_of_numpy(size: float) -> None:
+    spread = np.random.default_rng(0).normal(size=(200, 3, 3)) * (1.0, 1.0, 1e-3)
+    matrices = size * (spread.transpose(0, 2, 1) @ spread + 1e-5 * np.eye(3))
+    found = moving_shapes._inverses(matrices) @ matrices
+    np.testing.assert_allclose(found, np.tile(np.eye(3), (200, 1, 1)), atol=1e-8)
 
 
 def test_states_must_fit(torn: pointmorph.Morph) -> None:
