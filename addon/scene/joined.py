@@ -145,12 +145,11 @@ def _is_only_rendered(obj):
 
 
 def _unseen_words(objects):
-    which = (
-        f'"{objects[0].name}", which was hidden, isn\'t'
-        if len(objects) == 1
-        else f"{len(objects)} objects, which were hidden, aren't"
-    )
-    return f"{which} in the mesh, and now hidden in renders, too"
+    if len(objects) == 1:
+        which = f'"{objects[0].name}", which was hidden, isn\'t in the mesh, and is'
+    else:
+        which = f"{len(objects)} objects, which were hidden, aren't in the mesh, and are"
+    return f"{which} now hidden in renders, too"
 
 
 def _parts(context, found, lead, movers, created):

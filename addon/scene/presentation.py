@@ -231,7 +231,7 @@ def _put_in_place(context, obj, mesh):
 
 def set_visible(context, obj, visible):
     """Shows or hides an object, in this view layer and in renders."""
-    if is_in(context.view_layer, obj):  # else Blender prints an error besides
+    with contextlib.suppress(RuntimeError):  # it isn't in this view layer
         obj.hide_set(not visible, view_layer=context.view_layer)
     if obj.is_editable:
         obj.hide_render = not visible

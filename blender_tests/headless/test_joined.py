@@ -96,7 +96,7 @@ def test_a_mesh_shows_what_the_parts_of_a_model_show(capfd):
         assert [*map(tuple, one.matrix_world)] == before[one.name]
     assert not root.hide_get()
     assert hidden.hide_render  # else it would be rendered beside the mesh
-    said = '"hidden", which was hidden, isn\'t in the mesh, and now hidden in renders, too'
+    said = '"hidden", which was hidden, isn\'t in the mesh, and is now hidden in renders, too'
     assert said in capfd.readouterr().out
     assert len(joined.data.vertices) == 4 * 25
 

@@ -471,16 +471,3 @@ def test_points_are_made_again_in_an_excluded_collection(painted, excluded):
     select(shown)
     assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     assert shown.pointmorph.made_from.pointmorph.mesh == shown
-
-
-def test_a_target_in_an_excluded_collection_is_no_error(settings, capfd):
-    """Blender said in red that it can't be hidden."""
-    _, target = pair(14, 12)
-    away = bpy.data.collections.new("Away")
-    bpy.context.scene.collection.children.link(away)
-    bpy.context.scene.collection.objects.unlink(target)
-    away.objects.link(target)
-    bpy.context.view_layer.layer_collection.children["Away"].exclude = True
-    morph()
-    assert "can't be hidden" not in "".join(capfd.readouterr())
-    assert target.hide_render
