@@ -154,6 +154,15 @@ private:
     std::optional<KdTree<3>> points_;
 };
 
+/// How far the middles of a mesh's edges and faces are off what it should show. What isn't halved
+/// keeps its own while no vertex moves.
+struct Measured {
+    std::vector<std::array<Index, 2>> ends;  ///< of the edges, the lower first; ascending
+    std::vector<double> edges;
+    Triangles triangles{0, 3};
+    std::vector<double> faces;
+};
+
 /// What halving each edge would mend: how far its middle is off the target, times its length; so
 /// much of the longest edge of a triangle whose middle is, or that is nearest to what no face
 /// reaches. 0 for what is near enough, for edges that are short, and for those that lie off as a
@@ -168,26 +177,12 @@ public:
           edges_(mesh.triangles),
           misses_(to_size(edges_.size()), 0.0) {}
 
-    /// Nothing where what is left doesn't show.
-    std::vector<double> found(const WrapTarget& target, Progress& progress) && {
-        parallel_for(
-            edges_.size(), progress,
-            [&](Index begin, Index end) {
-                for (Index e = begin; e < end; ++e)
-                    add(e, shown_.distance(0.5 * (start(e) + finish(e))));
-            },
-            0.0, 0.5, 128);
-        std::vector<double> off(to_size(mesh_.triangles.rows()));
-        parallel_for(
-            to_index(mesh_.triangles.rows()), progress,
-            [&](Index begin, Index end) {
-                for (Index f = begin; f < end; ++f) {
-                    const auto t = mesh_.triangles.row(f);
-                    off[to_size(f)] = shown_.distance(
-                        (x_.row(t[0]) + x_.row(t[1]) + x_.row(t[2])).transpose() / 3.0);
-                }
-            },
-            0.5, 1.0, 128);
+    /// Nothing where what is left doesn't show. `known` is what was measured before edges were
+    /// halved, and becomes what is measured now.
+    std::vector<double> found(const WrapTarget& target, Measured& known, Progress& progress) && {
+        measure(known, progress);
+        for (Index e = 0; e < edges_.size(); ++e) add(e, known.edges[to_size(e)]);
+        std::vector<double> off = known.faces;
         double faces = 0.0, samples = 0.0;  // that are off
         for (Index f = 0; f < mesh_.triangles.rows(); ++f)
             if (off[to_size(f)] > tolerance_) faces += area(f);
@@ -215,6 +210,49 @@ public:
     }
 
 private:
+    void measure(Measured& known, Progress& progress) const {
+        constexpr double kUnknown = -1.0;
+        const Triangles& triangles = mesh_.triangles;
+        Measured now{{},
+                     std::vector<double>(to_size(edges_.size()), kUnknown),
+                     triangles,
+                     std::vector<double>(to_size(triangles.rows()), kUnknown)};
+        for (Index e = 0; e < edges_.size(); ++e) {
+            const MeshEdges::Side side = edges_[e].front();
+            const auto [low, high] =
+                std::minmax({start_of(triangles, side), end_of(triangles, side)});
+            now.ends.push_back({low, high});
+        }
+        // What is left of both is in the same order.
+        for (std::size_t e = 0, k = 0; e < now.ends.size() && k < known.ends.size(); ++e) {
+            while (k < known.ends.size() && known.ends[k] < now.ends[e]) ++k;
+            if (k < known.ends.size() && known.ends[k] == now.ends[e])
+                now.edges[e] = known.edges[k];
+        }
+        const Index old = known.triangles.size() > 0 ? known.triangles.maxCoeff() + 1 : 0;
+        for (Index f = 0, k = 0; f < triangles.rows(); ++f) {
+            if (triangles.row(f).maxCoeff() >= old) continue;  // has a corner that is new
+            while (known.triangles.row(k) != triangles.row(f)) ++k;
+            now.faces[to_size(f)] = known.faces[to_size(k)];
+        }
+        const auto fill = [&](std::vector<double>& distances, double from, auto&& middle) {
+            parallel_for(
+                to_index(distances.size()), progress,
+                [&](Index begin, Index end) {
+                    for (Index i = begin; i < end; ++i)
+                        if (double& its = distances[to_size(i)]; its == kUnknown)
+                            its = shown_.distance(middle(i));
+                },
+                from, from + 0.5, 128);
+        };
+        fill(now.edges, 0.0, [&](Index e) -> Vector3 { return 0.5 * (start(e) + finish(e)); });
+        fill(now.faces, 0.5, [&](Index f) -> Vector3 {
+            const auto t = triangles.row(f);
+            return (x_.row(t[0]) + x_.row(t[1]) + x_.row(t[2])).transpose() / 3.0;
+        });
+        known = std::move(now);
+    }
+
     Vector3 start(Index e) const {
         return x_.row(start_of(mesh_.triangles, edges_[e].front())).transpose();
     }
@@ -333,9 +371,10 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
         constexpr int kMost = 12;
         constexpr Index kFew = 4;
         bool has_grown = false;
+        Measured known;
         for (int again = 0; again < kMost && growing.size() + kFew < end; ++again) {
             const std::vector<char> edges = edges_to_halve(
-                Misses(growing.mesh(), x, shown, tolerance).found(onto.target(), progress),
+                Misses(growing.mesh(), x, shown, tolerance).found(onto.target(), known, progress),
                 end - growing.size());
             if (std::ranges::count(edges, 1) == 0) break;  // also if there are none
             const Index before = to_index(x.rows());
