@@ -111,10 +111,12 @@ struct Gaps {
 /// Says of most places at once that they lie in none of some balls.
 class BallCells {
 public:
-    /// Some balls, of radii larger than 0.
+    /// Of gaps whose limits are larger than 0: there is one at least.
     explicit BallCells(const Gaps& gaps) {
         constexpr double kMostCells = 100.0;  // for each ball
-        std::vector<double> radii = gaps.limits;
+        std::vector<double> radii;
+        for (const double limit : gaps.limits)
+            if (limit > 0.0) radii.push_back(limit);
         double width = median(radii);
         const auto cells = [&](double of) {
             double sum = 0.0;
@@ -125,7 +127,8 @@ public:
         while (cells(width) > most) width *= 2.0;
         inverse_ = 1.0 / width;
         bits_.resize(std::bit_ceil(to_size(kBitsPerBall) * radii.size()));
-        for (std::size_t k = 0; k < radii.size(); ++k) add(gaps.middles[k], gaps.limits[k]);
+        for (std::size_t k = 0; k < gaps.limits.size(); ++k)
+            if (gaps.limits[k] > 0.0) add(gaps.middles[k], gaps.limits[k]);
     }
 
     bool may_hold(const Eigen::RowVector3d& place) const { return bits_[number(cell(place))]; }

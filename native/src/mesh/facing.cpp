@@ -3,13 +3,15 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
-#include "base/angle.hpp"
 #include "base/grouped.hpp"
+#include "mesh/doubled_area.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
+#include "pointmorph/mesh/closest_point.hpp"
 
 namespace pointmorph {
 
@@ -34,57 +36,151 @@ struct Solid {
     double volume = 0.0;  ///< below 0 where the faces show the inside
     double area = 0.0;
     Eigen::AlignedBox3d box;
-    Vector3 start = Vector3::Zero();  ///< one of its places
-    bool is_lining = false;           ///< the back of a surface that is there twice
+    Vector3 middle = Vector3::Zero();
+    /// Of the back of a surface that is there twice: the part that is its front; else −1.
+    Index front = -1;
 
     bool shows_inside() const { return is_closed && faces_inside(volume, area); }
-    bool has_room() const { return is_closed && (shows_inside() || faces_inside(-volume, area)); }
+    bool shows_outside() const { return is_closed && faces_inside(-volume, area); }
 };
 
 std::vector<Solid> solids_of(const MeshEdges& edges, const Mesh& mesh) {
     std::vector<Solid> solids(to_size(mesh.part_areas.size()));
     for (std::size_t p = 0; p < solids.size(); ++p) solids[p].area = mesh.part_areas[to_index(p)];
     for (Index e = 0; e < edges.size(); ++e)
-        if (edges[e].size() != 2)
+        if (edges[e].size() == 1)
             solids[to_size(part_of(mesh, edges[e].front().triangle))].is_closed = false;
     for (Index f = 0; f < mesh.triangles.rows(); ++f) {
         Solid& solid = solids[to_size(part_of(mesh, f))];
-        if (solid.box.isEmpty()) solid.start = corner_of(mesh, f, 0);
-        for (Index k = 0; k < 3; ++k) solid.box.extend(corner_of(mesh, f, k));
-        const auto from_start = [&](Index k) -> Vector3 {
-            return corner_of(mesh, f, k) - solid.start;
-        };
-        solid.volume += from_start(0).dot(from_start(1).cross(from_start(2))) / 6.0;
+        for (Index k = 0; k < 3; ++k) {
+            solid.box.extend(corner_of(mesh, f, k));
+            solid.middle += mesh.areas[f] / (3.0 * solid.area) * corner_of(mesh, f, k);
+        }
+    }
+    // Seen from the middle, walls within a part enclose little.
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        Solid& solid = solids[to_size(part_of(mesh, f))];
+        const auto seen = [&](Index k) -> Vector3 { return corner_of(mesh, f, k) - solid.middle; };
+        solid.volume += seen(0).dot(seen(1).cross(seen(2))) / 6.0;
     }
     return solids;
 }
 
-/// Finds the linings: of the same size, in the same place, the other way round.
-void find_linings(std::vector<Solid>& solids) {
+/// Finds the backs of parts: of the same size, in the same place, the other way round.
+void find_fronts(std::vector<Solid>& solids) {
     constexpr double kSame = 1e-6;  // of the length of the unit ball, and of volumes
     const auto are_same = [&](const Solid& one, const Solid& other) {
         return std::abs(one.volume + other.volume) <= kSame * std::abs(other.volume) &&
                (one.box.min() - other.box.min()).norm() <= kSame &&
                (one.box.max() - other.box.max()).norm() <= kSame;
     };
-    for (Solid& solid : solids)
-        solid.is_lining = solid.shows_inside() && std::ranges::any_of(solids, [&](const Solid& s) {
-                              return s.has_room() && !s.shows_inside() && are_same(solid, s);
-                          });
+    // Sorted along a line that hardly any row of equal pieces lies across.
+    const Vector3 line = Vector3(0.36, 0.48, 0.8);
+    std::vector<std::pair<double, Index>> fronts;
+    for (std::size_t p = 0; p < solids.size(); ++p)
+        if (solids[p].shows_outside())
+            fronts.emplace_back(solids[p].box.center().dot(line), to_index(p));
+    std::ranges::sort(fronts);
+    for (Solid& solid : solids) {
+        if (!solid.shows_inside()) continue;
+        const double at = solid.box.center().dot(line);
+        for (auto next = std::ranges::lower_bound(fronts, std::pair(at - kSame, Index{0}));
+             next != fronts.end() && next->first <= at + kSame && solid.front < 0; ++next)
+            if (are_same(solid, solids[to_size(next->second)])) solid.front = next->second;
+    }
 }
 
-/// How often closed triangles wind around a place (van Oosterom and Strackee, The Solid Angle of a
-/// Plane Triangle, 1983).
-double winding_number(const Mesh& mesh, std::span<const Index> triangles, const Vector3& at) {
-    double sum = 0.0;
-    for (const Index f : triangles) {
-        const Vector3 a = corner_of(mesh, f, 0) - at, b = corner_of(mesh, f, 1) - at,
-                      c = corner_of(mesh, f, 2) - at;
-        const double la = a.norm(), lb = b.norm(), lc = c.norm();
-        sum += angle_of(a.dot(b.cross(c)),
-                        la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+/// Says which parts lie within others.
+class Containment {
+public:
+    Containment(const Mesh& mesh, const std::vector<Solid>& solids)
+        : mesh_(mesh),
+          solids_(solids),
+          triangles_(to_index(solids.size()),
+                     [&](auto&& take) {
+                         for (Index f = 0; f < mesh.triangles.rows(); ++f)
+                             take(part_of(mesh, f), f);
+                     }),
+          surfaces_(solids.size()) {}
+
+    /// Whether most of a part that doesn't touch the other one is within it.
+    bool is_within(Index part, Index other, Progress& progress) {
+        constexpr std::size_t kPlaces = 9;
+        constexpr double kTouch = 1e-12;  // squared
+        const Solid &inner = solids_[to_size(part)], &outer = solids_[to_size(other)];
+        if (!outer.box.contains(inner.box)) return false;
+        const Surface& surface = surface_of(other, progress);
+        const std::span<const Index> own = triangles_[part];
+        int within = 0;
+        for (std::size_t k = 0; k < kPlaces; ++k) {
+            const Index f = own[k * (own.size() - 1) / (kPlaces - 1)];
+            const Vector3 place =
+                (corner_of(mesh_, f, 0) + corner_of(mesh_, f, 1) + corner_of(mesh_, f, 2)) / 3.0;
+            const SurfacePoint nearest = surface.tree.closest(place);
+            if (nearest.squared_distance <= kTouch) continue;
+            const auto t = surface.triangles.row(nearest.triangle);
+            const Vector3 off = place - place_of(nearest, surface.triangles, mesh_.positions);
+            const bool is_behind = off.dot(doubled_area(mesh_.positions, t[0], t[1], t[2])) < 0.0;
+            within += is_behind != outer.shows_inside() ? 1 : -1;
+        }
+        return within > 0;
     }
-    return sum / (2.0 * std::numbers::pi);
+
+private:
+    struct Surface {
+        Triangles triangles;
+        TriangleTree tree;
+
+        Surface(const Positions& positions, Triangles own, Progress& progress)
+            : triangles(std::move(own)), tree(positions, triangles, progress) {}
+    };
+
+    const Surface& surface_of(Index part, Progress& progress) {
+        std::unique_ptr<Surface>& made = surfaces_[to_size(part)];
+        if (!made) {
+            Triangles own(static_cast<Eigen::Index>(triangles_[part].size()), 3);
+            for (Eigen::Index k = 0; k < own.rows(); ++k)
+                own.row(k) = mesh_.triangles.row(triangles_[part][to_size(to_index(k))]);
+            made = std::make_unique<Surface>(mesh_.positions, std::move(own), progress);
+        }
+        return *made;
+    }
+
+    const Mesh& mesh_;
+    const std::vector<Solid>& solids_;
+    Grouped<Index> triangles_;
+    std::vector<std::unique_ptr<Surface>> surfaces_;
+};
+
+/// Of parts: which are to be turned. A part goes with any that it lies within, as these agree.
+std::vector<char> to_turn(const Mesh& mesh, const std::vector<Solid>& solids, Progress& progress) {
+    Containment containment(mesh, solids);
+    std::vector<char> turned(solids.size(), 0);
+    std::vector<Index> with_room, turned_ones;  // that lie within no other, the largest first
+    for (Index part = 0; part < to_index(solids.size()); ++part) {
+        const Solid& solid = solids[to_size(part)];
+        progress.report(0.0);
+        if (solid.front >= 0 || !(solid.shows_inside() || solid.shows_outside())) continue;
+        const std::vector<Index>& others = solid.shows_inside() ? with_room : turned_ones;
+        const auto outer = std::ranges::find_if(
+            others, [&](Index other) { return containment.is_within(part, other, progress); });
+        if (outer != others.end()) {
+            turned[to_size(part)] = turned[to_size(*outer)];
+            continue;
+        }
+        with_room.push_back(part);
+        if (!solid.shows_inside()) continue;
+        turned[to_size(part)] = 1;
+        turned_ones.push_back(part);
+    }
+    for (std::size_t part = 0; part < solids.size(); ++part) {
+        const Solid& solid = solids[part];
+        if (solid.front >= 0)
+            turned[part] = turned[to_size(solid.front)];
+        else if (!(solid.shows_inside() || solid.shows_outside()))
+            turned[part] = turned.front();
+    }
+    return turned;
 }
 
 }  // namespace
@@ -125,36 +221,11 @@ bool make_agree(const MeshEdges& edges, Mesh& mesh) {
     return has_turned;
 }
 
-bool turn_outward(const MeshEdges& edges, Mesh& mesh) {
+bool turn_outward(const MeshEdges& edges, Mesh& mesh, Progress& progress) {
     std::vector<Solid> solids = solids_of(edges, mesh);
     if (std::ranges::none_of(solids, &Solid::shows_inside)) return false;
-    find_linings(solids);
-    const Grouped<Index> triangles(to_index(solids.size()), [&](auto&& take) {
-        for (Index f = 0; f < mesh.triangles.rows(); ++f) take(part_of(mesh, f), f);
-    });
-    // The smallest of those before it, which are larger, that it lies within; −1 if there is none.
-    const auto around = [&](Index part) {
-        constexpr double kWithin = 0.25;  // on a surface it is a half
-        const Solid& inner = solids[to_size(part)];
-        for (Index p = part; p-- > 0;) {
-            const Solid& outer = solids[to_size(p)];
-            if (outer.has_room() && !outer.is_lining && outer.box.contains(inner.box) &&
-                std::abs(winding_number(mesh, triangles[p], inner.start)) > kWithin)
-                return p;
-        }
-        return Index{-1};
-    };
-    std::vector<char> turned(solids.size(), 0);
-    for (Index part = 0; part < to_index(solids.size()); ++part) {
-        const Solid& solid = solids[to_size(part)];
-        if (solid.is_lining) continue;
-        if (!solid.has_room()) {
-            turned[to_size(part)] = turned.front();
-            continue;
-        }
-        const Index outer = around(part);
-        turned[to_size(part)] = outer < 0 ? solid.shows_inside() : turned[to_size(outer)];
-    }
+    find_fronts(solids);
+    const std::vector<char> turned = to_turn(mesh, solids, progress);
     mesh.parts_turned = to_index(std::ranges::count(turned, 1));
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
         if (turned[to_size(part_of(mesh, f))] != 0) reverse(mesh, f);

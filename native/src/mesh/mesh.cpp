@@ -194,7 +194,7 @@ Mesh make_mesh(const Cloud& cloud, Progress& progress) {
     if (make_agree(edges, mesh)) edges = MeshEdges(mesh.triangles);
     ask();
     find_parts(mesh);
-    if (turn_outward(edges, mesh)) edges = MeshEdges(mesh.triangles);
+    if (turn_outward(edges, mesh, progress)) edges = MeshEdges(mesh.triangles);
     ask();
     find_normals(mesh);
     ask();

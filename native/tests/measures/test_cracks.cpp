@@ -128,6 +128,23 @@ TEST(Cracks, AreThoseOfBruteForceAtAnySizeAndPlace) {
     compare_with_brute_force(1.0, 1e10);  // a millionth is rounded away
 }
 
+TEST(Cracks, TakePointsThatAreThereManyTimes) {
+    // Eight at each place: their spacing is 0, and so are more than half of the limits.
+    Positions source(8 * 50 + 100, 3);
+    for (Index i = 0; i < 50; ++i)
+        for (Index k = 0; k < 8; ++k) source.row(8 * i + k) = shapes::sphere(50).row(i);
+    source.bottomRows(100) = 1.1 * shapes::sphere(100);
+    Positions target = source;
+    target.col(2) *= 1.5;
+    for (Index i = 0; i < target.rows(); i += 3) target(i, 0) += 2.0;
+    Progress progress;
+    const std::vector<double> times{0.0, 0.5, 1.0};
+    const Pairing pairs = identity(to_index(source.rows()));
+    const auto cracks = find_cracks({source}, {target}, pairs, times, progress, 1 << 30);
+    for (std::size_t k = 0; k < times.size(); ++k)
+        EXPECT_NEAR(cracks[k].share, share_by_brute_force(source, target, pairs, times[k]), 0.02);
+}
+
 TEST(Example, Cracks) {
     const Positions source = shapes::grid(40);
     Positions target = source;

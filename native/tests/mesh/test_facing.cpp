@@ -2,7 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <string_view>
+
 #include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
 
 namespace pointmorph {
 namespace {
@@ -71,6 +77,74 @@ TEST(TurnOutward, LeavesWhatShowsBothSides) {
         const Values found = volumes(mesh);
         ASSERT_EQ(found.size(), 4);
         EXPECT_NEAR(found.sum(), volume_of_ball(0.5), 1e-9);
+    }
+}
+
+TEST(TurnOutward, TurnsBothSidesOfWhatLiesInAPartThatIsTurned) {
+    const Cloud both = mesh_shapes::together(ball(0.3, 0.1), inside_out(ball(0.3, 0.1)));
+    const Mesh mesh = make_mesh(mesh_shapes::together(inside_out(ball(1.0, 0.0)), both));
+    EXPECT_EQ(mesh.parts_turned, 3);
+    EXPECT_NEAR(volumes(mesh).sum(), volume_of_ball(1.0), 1e-9);
+}
+
+TEST(TurnOutward, TurnsWhatHasAWallInside) {
+    Cloud box = inside_out(mesh_shapes::cube());
+    box.positions.col(0) *= 1.5;
+    // The wall's corners are the box's, so that three faces meet along two of its sides.
+    mesh_shapes::add_face(box.faces, {0, 3, 7, 4});
+    const Mesh mesh = make_mesh(box);
+    EXPECT_EQ(mesh.parts_turned, 1);
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        const Eigen::RowVector3d middle =
+            (mesh.positions.row(mesh.triangles(f, 0)) + mesh.positions.row(mesh.triangles(f, 1)) +
+             mesh.positions.row(mesh.triangles(f, 2))) /
+            3.0;
+        if (mesh.polygons[to_size(f)] < 6) {
+            EXPECT_GT(middle.dot(mesh.normals.row(f)), 0.0);
+        }
+    }
+}
+
+/// Tetrahedra in rows, all showing their inside, within a ball.
+Cloud beads(Index count) {
+    Index side = 1;
+    while (side * side * side < count) ++side;
+    Cloud cloud =
+        mesh_shapes::moved(mesh_shapes::icosphere(3), 2.0 * Matrix3::Identity(), Vector3::Zero());
+    const Index first = cloud.size();
+    cloud.positions.conservativeResize(first + 4 * count, 3);
+    for (Index b = 0; b < count; ++b) {
+        const Eigen::RowVector3d at(b % side, b / side % side, b / (side * side));
+        const Index own = first + 4 * b;
+        for (Index k = 0; k < 4; ++k)
+            cloud.positions.row(own + k) = (2.0 * at / side).array() - 1.0;
+        for (Index k = 0; k < 3; ++k) cloud.positions(own + k + 1, k) += 0.5 / side;
+        for (const auto& t : {std::array<Index, 3>{0, 1, 2}, {0, 2, 3}, {0, 3, 1}, {1, 3, 2}})
+            mesh_shapes::add_face(cloud.faces, {own + t[0], own + t[1], own + t[2]});
+    }
+    return cloud;
+}
+
+TEST(TurnOutward, TakesThousandsOfPieces) {
+    const Cloud within = beads(3000);
+    const Mesh mesh = make_mesh(within);
+    EXPECT_EQ(mesh.part_areas.size(), 3001);
+    EXPECT_EQ(mesh.parts_turned, 0);  // as cavities
+    EXPECT_EQ(make_mesh(inside_out(within)).parts_turned, 3001);
+}
+
+TEST(TurnOutward, CanBeCanceled) {
+    const Cloud within = beads(200);
+    int asked = 0;
+    Progress counting([&](std::string_view, double) { return ++asked > 0; },
+                      std::chrono::milliseconds(0));
+    make_mesh(within, counting);
+    ASSERT_GT(asked, 200);
+    for (const int after : {asked / 2, asked - 20}) {
+        int left = after;
+        Progress stopping([&](std::string_view, double) { return left-- > 0; },
+                          std::chrono::milliseconds(0));
+        EXPECT_THROW(make_mesh(within, stopping), Cancelled);
     }
 }
 
