@@ -130,26 +130,31 @@ def join(context, chosen, lead):
         as_shown.link_beside(context, lead, joined)
         if movers.goes_on:
             _bend(context, joined, movers.rig, owners)
-        unseen = [one for one in family if _is_only_rendered(one)]
-        as_shown.hide_all(context, [*owners, *unseen])
+        with context.temp_override(area=None):  # what only a local view leaves out isn't hidden
+            unseen = [one for one in family if _is_only_rendered(one)]
+        as_shown.hide_all(context, owners)
     said = [movers.words, *as_shown.still_rendered([*owners, *unseen])]
-    if unseen:
-        said.append(_unseen_words(unseen))
-    return joined, len(found), said
+    return joined, len(found), said + _hide_in_renders(unseen)
 
 
 def _is_only_rendered(obj):
-    """Whether somebody has hidden an object with a surface, which would be rendered beside the mesh
-    of the others."""
-    return obj.type in _TYPES and obj.hide_get() and not obj.hide_render
+    """Whether an object with a surface is hidden, itself or with its collections, and would be
+    rendered beside the mesh of the others."""
+    return obj.type in _TYPES and not obj.visible_get() and not obj.hide_render
 
 
-def _unseen_words(objects):
+def _hide_in_renders(objects):
+    """Hides objects in renders where that's possible, and says so; a list, empty where none is."""
+    objects = [one for one in objects if one.is_editable]
+    if not objects:
+        return []
+    for one in objects:
+        one.hide_render = True
     if len(objects) == 1:
         which = f'"{objects[0].name}", which was hidden, isn\'t in the mesh, and is'
     else:
         which = f"{len(objects)} objects, which were hidden, aren't in the mesh, and are"
-    return f"{which} now hidden in renders, too"
+    return [f"{which} now hidden in renders, too"]
 
 
 def _parts(context, found, lead, movers, created):

@@ -124,6 +124,28 @@ def test_a_mesh_shows_what_the_parts_of_a_model_show(capfd):
     assert min(outward) > 0
 
 
+@pytest.mark.parametrize("how", ["object", "monitor", "eye", "collection's monitor"])
+def test_what_is_hidden_in_any_way_is_not_rendered_beside_the_mesh(capfd, how):
+    """Spare weapons in a collection whose eye was off floated beside the character."""
+    root = add_empty()
+    add_part("Body", root)
+    spare = add_part("Spare", root)
+    home = bpy.data.collections.new("Spares")
+    bpy.context.scene.collection.children.link(home)
+    bpy.context.scene.collection.objects.unlink(spare)
+    home.objects.link(spare)
+    layer = bpy.context.view_layer.layer_collection.children["Spares"]
+    spare.hide_set(how == "object")
+    spare.hide_viewport = how == "monitor"
+    layer.hide_viewport = how == "eye"
+    home.hide_viewport = how == "collection's monitor"
+    joined = join(root)
+    assert len(joined.data.vertices) == 25
+    assert spare.hide_render
+    assert spare.hide_get() == (how == "object")  # shown again with its collection
+    assert '"Spare", which was hidden, isn\'t in the mesh' in capfd.readouterr().out
+
+
 def test_a_rig_stands_for_what_it_bends(settings):
     bent, loose = add_part("Bent", None), add_part("Loose", None)
     add_armature(bent, (0, 0, 0.5))
@@ -512,19 +534,25 @@ def test_long_names():
     assert sum(tuple(uv.vector) == (0.75, 0.5) for uv in shown.uv) == len(shown.uv) // 2
 
 
-def test_parts_that_are_linked_are_said_to_be_rendered(tmp_path, capfd):
-    """They can't be hidden there."""
+@pytest.mark.parametrize("hides_one", [False, True])
+def test_parts_that_are_linked_are_said_to_be_rendered(tmp_path, capfd, hides_one):
+    """They can't be hidden there. Of one that was hidden, it was said that it is now."""
     path = str(tmp_path / "parts.blend")
-    bpy.data.libraries.write(path, {add_part("Lid", None), add_part("Chest", None)})
+    chest = add_part("Chest", None)
+    bpy.data.libraries.write(path, {chest, add_part("Lid", chest)})
     for name in ("Lid", "Chest"):
         bpy.data.objects.remove(bpy.data.objects[name])
     with bpy.data.libraries.load(path, link=True) as (there, linked):
         linked.objects = there.objects
     for part in linked.objects:
         bpy.context.scene.collection.objects.link(part)
-    join(*linked.objects)
+    own = add_part("Own", None)
+    bpy.data.objects["Lid"].hide_set(hides_one)
+    join(*linked.objects, own)
     assert all(part.hide_get() for part in linked.objects)
-    assert "2 objects are linked from another file and can't be hidden" in capfd.readouterr().out
+    said = capfd.readouterr().out
+    assert "2 objects are linked from another file and can't be hidden" in said
+    assert "now hidden in renders" not in said
 
 
 def test_linked_targets_are_said_to_be_rendered(settings, tmp_path, capfd):
