@@ -115,10 +115,10 @@ def _poses(context, obj, shapes, recipe):
         words = as_shown.posed_twice(context, source, shape)
         if words is None:
             continue
-        known = recipe["shapes"][number].get("pose") if recipes.is_known(recipe) else None
-        if known is None:
+        known = recipe["shapes"][number] if recipes.is_known(recipe) else {}
+        if "pose" in known and known["pose"] is None:
             rigs |= as_shown.posing(shape)
-        elif known != as_shown.pose_of(context, shape):
+        elif known.get("pose") != as_shown.pose_of(context, shape):  # or an earlier version's
             remarks.append(f"{words}, and recompute")
     return rigs, remarks
 

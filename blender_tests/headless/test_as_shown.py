@@ -1,5 +1,7 @@
 """What modifiers make of a source: said to be left out, or taken as shown."""
 
+import json
+
 import bpy
 import numpy as np
 import pytest
@@ -431,6 +433,22 @@ def test_recompute_of_a_target_that_was_posed_on_purpose(settings, capfd):
     bpy.ops.pointmorph.recompute()
     assert "Rest Position, and recompute" in capfd.readouterr().out
     np.testing.assert_allclose(key(shown, "Morph"), before - (0, 1, 0), atol=0.05)
+
+
+def test_recompute_does_not_take_an_earlier_versions_target_for_one_at_rest(settings, capfd):
+    """Which didn't note whether it was posed."""
+    shown, _, rigs = two_characters(settings, (0, 0, 1))
+    before = key(shown, "Morph").copy()
+    for one in (shown, shown.pointmorph.made_from):
+        recipe = json.loads(one.pointmorph.recipe)
+        del recipe["shapes"][1]["pose"]
+        one.pointmorph.recipe = json.dumps(recipe)
+    rigs[0].pose.bones["Bone"].location = (0, 0, 0.5)
+    bpy.context.view_layer.update()
+    select(shown)
+    bpy.ops.pointmorph.recompute()
+    np.testing.assert_array_equal(key(shown, "Morph"), before)
+    assert "Rest Position, and recompute" in capfd.readouterr().out
 
 
 def test_a_morph_at_its_end_is_a_source(settings):
