@@ -107,15 +107,26 @@ def test_velocities_are_the_way_to_the_next_frame(torn: pointmorph.Morph) -> Non
     np.testing.assert_allclose(here.velocities[a][~pairs], way[~pairs], atol=0.02)
 
 
-def test_frames_need_no_inverses_of_numpys(
+def test_frames_need_no_inverses_and_determinants_of_numpys(
     torn: pointmorph.Morph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frames that are made side by side waited for each other at each small matrix."""
     matrices = [turn(ANGLE * k) for k in range(len(TIMES))]
     settings = {"path": "rigid"}
     sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), settings)
-    monkeypatch.delattr(np.linalg, "inv")
+    for name in ("inv", "det"):
+        monkeypatch.delattr(np.linalg, name)
     assert len(sequence.frame(2).ids) > len(torn.pairs) + 20
+
+
+def test_determinants_are_those_of_numpy() -> None:
+    matrices = np.random.default_rng(0).normal(size=(200, 3, 3))
+    cofactors = moving_shapes._cofactors(matrices)
+    expected = np.linalg.det(matrices)
+    found = moving_shapes._determinants(matrices, cofactors)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    inverses = cofactors.transpose(0, 2, 1) / expected[:, None, None]
+    np.testing.assert_allclose(inverses @ matrices, np.tile(np.eye(3), (200, 1, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize("size", [1e-90, 1e-8, 1.0, 1e8, 1e90])
