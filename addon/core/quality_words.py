@@ -171,28 +171,10 @@ def with_present_names(text, names):
     names : dict of str to str
         The present names by the former.
     """
-    return _with_names(text, {old: new for old, new in names.items() if old != new})
-
-
-def with_quoted_names(text, names):
-    """A text of the library's with the names of objects as the add-on has them in its own; as it is
-    where one of them, such as "model", could be a word of it."""
-    if any(name.isalpha() and name.islower() for name in names):
-        return text
-    return _with_names(text, {name: f'"{name}"' for name in names}, _unlike_words)
-
-
-def _unlike_words(name):
-    """A pattern of a name, but as the first word of a sentence only where that can be no other."""
-    if re.fullmatch("[A-Z][a-z]*", name):
-        return rf"{name}(?=:| (?:ends|has|is) )|(?<=[^.] ){name}"
-    return re.escape(name)
-
-
-def _with_names(text, changed, pattern=re.escape):
+    changed = {old: new for old, new in names.items() if old != new}
     if not changed:
         return text
     longest_first = sorted(changed, key=len, reverse=True)
     # What is quoted is a feature.
-    words = "|".join(pattern(name) for name in longest_first)
+    words = "|".join(re.escape(name) for name in longest_first)
     return re.sub(rf'(?<![\w"])({words})(?![\w"])', lambda found: changed[found[0]], text)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pointmorph
 
-from ..core import background_job, done_steps, quality_words
+from ..core import background_job, done_steps
 from ..data import chains
 from ..data.arrays import MORPHED_TYPES, type_name
 from ..scene import (
@@ -266,9 +266,8 @@ def say_looks(operator, requests):
 
 def say_made(operator, obj, report):
     """Tells the user what came of a morph."""
-    names = {known["name"] for known in recipes.recipe_of(obj).get("shapes", ())}
     for warning in report["warnings"]:
-        operator.report({"WARNING"}, quality_words.with_quoted_names(warning, names))
+        operator.report({"WARNING"}, warning)
     made = f'"{obj.name}": {report["pairs"]:,} pairs in {report["seconds"]:.1f} s'
     operator.report({"INFO"}, made)
 

@@ -321,33 +321,6 @@ def test_why_a_map_from_an_earlier_one_is_thought_less_of(addon):
         assert of_it.endswith("an earlier map") == is_from_earlier
 
 
-def test_names_of_objects_are_quoted_in_warnings(addon, settings, capfd):
-    """Some were, and some weren't: those of the library."""
-    source, target = pair(30, 26)
-    source.name, target.name = "Hill", "Hill Top"
-    target.rotation_euler.z = 1.0
-    morph()
-    assert '"Hill Top" is rotated 56° relative to "Hill".' in capfd.readouterr().out
-    quoted = addon("core.quality_words").with_quoted_names
-    assert quoted('"eye" of Eye, Eyes', {"Eye"}) == '"eye" of "Eye", Eyes'
-
-
-@pytest.mark.parametrize(
-    ("text", "names", "wanted"),
-    [
-        ("The normals of one model point inward.", {"model", "Normals"}, None),
-        ("A part of A is off. A hole is in B.", "AB", 'A part of "A" is off. A hole is in "B".'),
-        ("A has no colors.", "A", '"A" has no colors.'),
-        ("Parts: 3 follow. Parts may be off.", {"Parts"}, '"Parts": 3 follow. Parts may be off.'),
-        ("Hill Top is. Hill ends it.", {"Hill", "Hill Top"}, '"Hill Top" is. "Hill" ends it.'),
-        ("of head.001 and head", {"head.001"}, 'of "head.001" and head'),
-    ],
-)  # fmt: skip
-def test_words_of_sentences_are_not_quoted(addon, text, names, wanted):
-    """Objects that are called "model" or "A" had quotes in the middle of plain sentences."""
-    assert addon("core.quality_words").with_quoted_names(text, names) == (wanted or text)
-
-
 def test_every_figure_is_explained(addon, settings):
     words = addon("core.quality_words")
     bad_pair()
