@@ -29,12 +29,12 @@ def _is_there(item):
         return False
 
 
-_LONGEST = 63 - 4  # bytes, with room for what makes a name another
+LONGEST_NAME = 63 - 4  # bytes, with room for what makes a name another
 
 
 def ending_in(name, ending):
     """A name with an ending, which Blender would cut off where the name is long."""
-    room = _LONGEST - len(ending.encode())
+    room = LONGEST_NAME - len(ending.encode())
     return name.encode()[:room].decode(errors="ignore") + ending
 
 

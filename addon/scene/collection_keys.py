@@ -13,7 +13,7 @@ from ..core import remembered, transforms
 from ..core.computation import Request
 from ..core.features import Choice, match
 from ..core.settings import settings_values
-from ..data import arrays, chains
+from ..data import arrays, chains, creation
 from ..data.feature_list import feature_choices
 from . import key_transfer, map_ends, morph_builder, morph_object, vertex_groups
 from .shape_reader import present_steps, read_shape_steps, update
@@ -21,7 +21,7 @@ from .shape_reader import present_steps, read_shape_steps, update
 _MADE = "pointmorph_targets"
 """Property of the shape keys, and of the mesh for its vertex groups: the names that were given here
 by those that were wished for, to be made anew in place."""
-_LONGEST = 63 - len(key_transfer.AT_END) - 4  # bytes, with room for what makes a name another
+_LONGEST = creation.LONGEST_NAME - len(key_transfer.AT_END)
 
 
 @dataclass(frozen=True)

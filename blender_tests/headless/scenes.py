@@ -157,6 +157,10 @@ def triangles(mesh):
     return read(mesh.loop_triangles, "vertices", 3, np.int32)
 
 
+def centers(positions, faces):
+    return positions[faces].mean(axis=1)
+
+
 def attribute(geometry, name):
     kinds = {
         "INT": ("value", 1, np.int32),

@@ -42,6 +42,8 @@ struct Solid {
 
     bool shows_inside() const { return is_closed && faces_inside(volume, area); }
     bool shows_outside() const { return is_closed && faces_inside(-volume, area); }
+    /// Whether it tells which side is its inside.
+    bool has_room() const { return shows_inside() || shows_outside(); }
 };
 
 std::vector<Solid> solids_of(const MeshEdges& edges, const Mesh& mesh) {
@@ -160,7 +162,7 @@ std::vector<char> to_turn(const Mesh& mesh, const std::vector<Solid>& solids, Pr
     for (Index part = 0; part < to_index(solids.size()); ++part) {
         const Solid& solid = solids[to_size(part)];
         progress.report(0.0);
-        if (solid.front >= 0 || !(solid.shows_inside() || solid.shows_outside())) continue;
+        if (solid.front >= 0 || !solid.has_room()) continue;
         const std::vector<Index>& others = solid.shows_inside() ? with_room : turned_ones;
         const auto outer = std::ranges::find_if(
             others, [&](Index other) { return containment.is_within(part, other, progress); });
@@ -177,7 +179,7 @@ std::vector<char> to_turn(const Mesh& mesh, const std::vector<Solid>& solids, Pr
         const Solid& solid = solids[part];
         if (solid.front >= 0)
             turned[part] = turned[to_size(solid.front)];
-        else if (!(solid.shows_inside() || solid.shows_outside()))
+        else if (!solid.has_room())
             turned[part] = turned.front();
     }
     return turned;

@@ -17,13 +17,15 @@ std::span<const Index> neighbors_of(const Laplacian& laplacian, Index v) {
     return {laplacian.neighbors.data() + begin, to_size(end - begin)};
 }
 
+/// Where a vertex is among some, which ascend; −1 if it isn't.
+std::ptrdiff_t place_among(std::span<const Index> vertices, Index v) {
+    const auto at = std::ranges::lower_bound(vertices, v);
+    return at != vertices.end() && *at == v ? at - vertices.begin() : -1;
+}
+
 /// Which of some vertices are connected, over others of them, to one that isn't; ascending.
 std::vector<Index> held_by_others(const Laplacian& laplacian, std::span<const Index> vertices) {
     std::vector<char> is_taken(vertices.size(), 0);
-    const auto place_of = [&](Index v) -> std::ptrdiff_t {  // among them, or −1
-        const auto at = std::ranges::lower_bound(vertices, v);
-        return at != vertices.end() && *at == v ? at - vertices.begin() : -1;
-    };
     std::vector<Index> result;
     const auto take = [&](std::ptrdiff_t place) {
         if (std::exchange(is_taken[to_size(place)], 1)) return;
@@ -31,18 +33,14 @@ std::vector<Index> held_by_others(const Laplacian& laplacian, std::span<const In
     };
     for (std::size_t k = 0; k < vertices.size(); ++k)
         if (std::ranges::any_of(neighbors_of(laplacian, vertices[k]),
-                                [&](Index to) { return place_of(to) < 0; }))
+                                [&](Index to) { return place_among(vertices, to) < 0; }))
             take(to_index(k));
     for (std::size_t k = 0; k < result.size(); ++k)
         for (const Index to : neighbors_of(laplacian, result[k]))
-            if (const auto place = place_of(to); place >= 0) take(place);
+            if (const auto place = place_among(vertices, to); place >= 0) take(place);
     std::ranges::sort(result);
     return result;
 }
-
-}  // namespace
-
-namespace {
 
 /// Between vertices of a film, numbered by their places in it, with the weights to all others in
 /// `outside` and what these pull at in `right`.
@@ -57,9 +55,8 @@ struct FilmSystem {
                  ++k) {
                 const Index to = laplacian.neighbors[to_size(k)];
                 const double weight = laplacian.weights[to_size(k)];
-                const auto at = std::ranges::lower_bound(film, to);
-                if (at != film.end() && *at == to) {
-                    inside.neighbors.push_back(to_index(at - film.begin()));
+                if (const auto place = place_among(film, to); place >= 0) {
+                    inside.neighbors.push_back(to_index(place));
                     inside.weights.push_back(weight);
                     sum += weight;
                 } else {
